@@ -49,8 +49,8 @@ class Task:
 
 
 _PLACES = (
-    ("own.yaml", "position: [0.0, 0.0, 0.0]", "position: [0.047, -0.039, 0.299]"),
-    ("own.yaml", "target: [0.0, 0.0, 0.0]", "target: [0.098, 0.197, 1.1]"),
+    ("own.yaml", "# position: [0.0, 0.0, 0.0]", "position: [0.047, -0.039, 0.299]"),
+    ("own.yaml", "# target: [0.0, 0.0, 0.0]", "target: [0.098, 0.197, 1.1]"),
 )
 TASKS = (
     Task(

@@ -404,6 +404,41 @@ def test_import_by_path(recordings):
     assert repr(imported).startswith(repr(imported.robot))
 
 
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: steelyard.design("cogiro", "x"), "duration: expected a finite number, found 'x'"),
+        (lambda: steelyard.design("cogiro", float("nan")), "duration: expected a finite number"),
+        (lambda: steelyard.design(None, 5), "robot 'None'"),
+        (lambda: steelyard.design("cogiro", 5, sensors=3), "sensors: expected Sensors"),
+        (lambda: steelyard.design("cogiro", 5, runs=0), "runs: expected a whole number"),
+        (lambda: steelyard.design("cogiro", 5, seed=-1), "seed: expected a whole number"),
+        (lambda: steelyard.design("cogiro", 5, margin="wide"), "margin: expected a finite number"),
+        (lambda: steelyard.design("cogiro", 5, target=[1]), "target: expected a Target"),
+        (lambda: steelyard.design("cogiro", 5, start=[0, 0, 2]), "start: expected shape 6"),
+        (lambda: steelyard.design("cogiro", 5, end="up"), "end: expected numbers"),
+        (lambda: steelyard.design_poses("cogiro", 2.5), "poses: expected a whole number"),
+        (
+            lambda: steelyard.design_swings("cogiro", 2, duration=None),
+            "duration: expected a finite",
+        ),
+        (lambda: steelyard.design_references("cogiro", sigma="x"), "expected a finite number"),
+        (lambda: steelyard.simulate("cogiro", 3), "trajectories: expected a mapping"),
+        (lambda: steelyard.simulate("cogiro", seed=None), "seed: expected a whole number"),
+        (lambda: steelyard.simulate("cogiro", duration=[1]), "duration: expected a finite number"),
+        (lambda: steelyard.study("cogiro", "out", draws="ten"), "draws: expected a whole number"),
+        (lambda: steelyard.compare(["a.json", "b.json"]), "estimates: expected named estimates"),
+        (lambda: steelyard.compare("a.json"), "estimates: expected named estimates"),
+        (lambda: steelyard.payload("a.json", "b.json"), "before: expected an estimate"),
+    ],
+)
+def test_what_is_handed_over_is_refused_in_words_of_python(call, says):
+    with pytest.raises(steelyard.InputError) as raised:
+        call()
+    assert says in str(raised.value)
+    assert "--" not in str(raised.value)
+
+
 # The face itself
 
 

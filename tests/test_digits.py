@@ -56,3 +56,21 @@ def test_a_deviation_alone_is_that_beside_its_number():
         assert digits.number(1.0, sigma).endswith(f"± {digits.deviation(sigma)}")
     assert digits.deviation(None) == "-"
     assert digits.per_cent(0.198) == "20%"
+
+
+@pytest.mark.parametrize(
+    ("values", "texts"),
+    [
+        ([0.21, 0.212, 0.2204], ["0.210", "0.212", "0.220"]),
+        ([10.0, 7.591, 5.63], ["10.0", "7.6", "5.6"]),
+        ([161.0, None, np.nan], ["161", "-", "-"]),
+        ([3e-6, 2e-6], ["3e-06", "2e-06"]),
+        ([0.0], ["0"]),
+    ],
+)
+def test_numbers_of_one_kind_have_the_same_digits(values, texts):
+    assert digits.alike(values) == texts
+
+
+def test_a_deviation_below_all_digits_is_no_zero():
+    assert digits.deviation(3.14e-8) == "3.1e-08"

@@ -57,6 +57,56 @@ def readonly(values: ArrayLike, shape: Sequence[int | None], name: str) -> Array
     return array
 
 
+def number_given(
+    value: Any,
+    name: str,
+    *,
+    least: float = -np.inf,
+    above: float = -np.inf,
+    unit: str = "",
+) -> float:
+    """A number that a caller hands over.
+
+    Args:
+        value: What was handed over.
+        name: Of the argument.
+        least: It is no less.
+        above: It is more.
+        unit: Of the number.
+
+    Raises:
+        WrongValueError: It is no number, or not within these.
+    """
+    if isinstance(value, int | float | np.integer | np.floating) and (
+        least <= value < np.inf and above < value
+    ):
+        return float(value)
+    bounds = f" above {above:g}" if above > -np.inf else ""
+    bounds += f" of at least {least:g}" if least > -np.inf else ""
+    raise WrongValueError(
+        f"{name}: expected a finite number{bounds}{f' {unit}' if unit else ''}, found"
+        f" {_shown(value)}; correct it"
+    )
+
+
+def whole_given(value: Any, name: str, *, least: int = 0) -> int:
+    """A whole number that a caller hands over.
+
+    Args:
+        value: What was handed over.
+        name: Of the argument.
+        least: It is no less.
+
+    Raises:
+        WrongValueError: It is no whole number, or less.
+    """
+    if isinstance(value, int | np.integer) and value >= least:
+        return int(value)
+    raise WrongValueError(
+        f"{name}: expected a whole number of at least {least}, found {_shown(value)}; correct it"
+    )
+
+
 def _shown(values: Any) -> str:
     """A value for a message, not longer than a line."""
     text = " ".join(repr(values).split())

@@ -4,6 +4,8 @@ are rounded: the digits that an uncertainty leaves, else three significant ones.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -30,6 +32,8 @@ _DIGITS, _MOST_DIGITS = 3, 6
 """Behind the point: of a number without any scale, and at most."""
 _LARGE, _SMALL = 1e7, 1e-4
 """From and below which a number has a power of ten: more zeros than these nobody counts."""
+_LEAST_DEVIATION = 1e-5
+"""A 1-sigma below has no two digits among those behind the point."""
 _LEAST_TIME = 5e-7
 """[s]; what is shorter is the rounding of time stamps."""
 
@@ -71,7 +75,23 @@ def figures(value: float | None, digits: int = 3, *, sign: bool = False) -> str:
 
 def deviation(value: float | None) -> str:
     """A 1-sigma alone, as it stands behind its number; a dash where there is none."""
+    if value is not None and 0 < value < _LEAST_DEVIATION:
+        return figures(value, 2)
     return number(value, value).partition(" ± ")[0]
+
+
+def alike(values: Sequence[float | None], digits: int = 3) -> list[str]:
+    """Numbers of one kind beside each other, with as many digits behind the point as the largest one
+    of so many significant digits has.
+    """
+    known = [abs(value) for value in values if value is not None and np.isfinite(value)]
+    largest = max(known, default=0.0)
+    if not _SMALL <= largest < _LARGE:
+        return [figures(value, digits) for value in values]
+    behind = max(digits - 1 - int(np.floor(np.log10(largest))), 0)
+    return [
+        "-" if value is None or not np.isfinite(value) else fixed(value, behind) for value in values
+    ]
 
 
 def between(low: float, high: float) -> str:

@@ -68,7 +68,7 @@ def test_parameters_without_numbers_have_no_picture():
     table = [{**row, "Jyz": None, "sigma_Jyz": None} for row in rows(5, 1)]
     document = campaign_document(frame(table))
     text = markdown(document)
-    assert "| inertia yz | 0 | 0 | - | - | - |" in text
+    assert "| inertia yz | 0 | - | - | - | - |" in text
     assert "Picture: inertia yz" not in text
 
 

@@ -73,7 +73,7 @@ def test_where_nobody_looks_there_is_nothing(monkeypatch):
 @pytest.mark.parametrize(
     ("done", "elapsed", "text"),
     [
-        (0.5, 10.0, "about 10 s left"), (0.01, 10.0, ""), (0.5, 0.5, ""), (1.0, 10.0, "about 1 s left"),
+        (0.5, 10.0, "about 10 s left"), (0.01, 10.0, ""), (0.5, 0.5, ""), (1.0, 10.0, ""),
         (0.1, 60.0, "about 9 min left"),
     ],
 )  # fmt: skip

@@ -33,3 +33,10 @@ def test_student(k):
 def test_fisher():
     x = X[1:]
     assert own.fisher_tail(x, 3, 40) == pytest.approx(stats.f.sf(x, 3, 40), rel=1e-9)
+
+
+def test_poisson():
+    counts = np.array([1, 2, 7])
+    for mean in (0.01, 1.4, 5.0):
+        expected = stats.poisson.sf(counts - 1, mean)
+        assert own.poisson_tail(counts, mean) == pytest.approx(expected, rel=1e-9)

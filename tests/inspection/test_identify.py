@@ -13,6 +13,7 @@ from steelyard.experiment.read import read_experiment
 from steelyard.inspection.description import check_description
 from steelyard.inspection.identify import identify
 from steelyard.inspection.misplaced import misplaced
+from steelyard.inspection.mistakes.sizes import size_mistakes
 from steelyard.report.documents.inspection import statements
 
 pytestmark = pytest.mark.integration
@@ -65,6 +66,42 @@ def test_recordings_of_another_simulator_have_nothing_to_change(recordings, name
     assert not check.mistakes
 
 
+def drafted(whole):
+    """As `init` describes it: nobody has said where IMU and tracker's target sit."""
+    instruments = dict(whole.instruments)
+    for name, key in (("imu", "position"), ("tracker", "target")):
+        said = instruments[name].model_dump(exclude_unset=True)
+        calibration = {**(said.get("calibration") or {}), key: 0.8}
+        instruments[name] = type(instruments[name]).model_validate(
+            {**said, key: (0.0, 0.0, 0.0), "calibration": calibration}
+        )
+    return replace(whole, instruments=instruments)
+
+
+def test_a_place_that_is_said_to_be_unknown_is_no_mistake():
+    """The target is 1.1 m off; orientations at 25 Hz tell its acceleration badly."""
+    whole = drafted(experiment("cogiro"))
+    target = np.array(sound(1).instruments["tracker"].target)
+    assert np.linalg.norm(target) > 1.0
+    assert not check_description(whole).mistakes
+
+
+@pytest.mark.parametrize("what", ["swapped cables", "quaternion order", "gyro in deg/s"])
+def test_mistakes_are_told_though_places_are_unknown(what):
+    make, wanted = DESCRIPTIONS[what]
+    assert wanted in check_description(make(drafted(experiment("cogiro")))).amendment
+
+
+@pytest.mark.slow
+def test_a_draft_is_estimated_as_it_is():
+    found = identify(drafted(experiment("cogiro")))
+    estimate = found.estimate
+    assert estimate.verdict.accepted is True
+    truth = sound(1).robot.platform.body_parameters
+    error = (estimate.value - truth) / np.sqrt(np.diag(estimate.covariance))
+    assert np.abs(error).max() < 3.5
+
+
 def test_the_way_in_is_the_public_one():
     assert steelyard.identify is identify
 
@@ -86,6 +123,17 @@ def test_unstated_noise_and_limits_tell_no_unit():
     quiet = four.instruments["cables"].model_copy(update={"noise": None})
     bare = replace(four, instruments={**four.instruments, "cables": quiet})
     assert not check_description(vector("cables", "tension", 1 / 9.80665)(bare)).mistakes
+
+
+def test_limits_of_tension_say_that_a_light_platform_is_meant():
+    """What a robot file says goes before a rule of thumb."""
+    weak = vector("cables", "tension", 1e-3)(experiment("cogiro"))
+    for limits, said in ((0.0, np.inf), 1), ((0.1, np.inf), 0), ((50.0, np.inf), 1):
+        robot = replace(weak.robot, tension_limits=limits)
+        unstated = weak.instruments["cables"].model_copy(update={"noise": None})
+        instruments = {**weak.instruments, "cables": unstated}
+        found = size_mistakes(replace(weak, robot=robot, instruments=instruments))
+        assert len(found) == said
 
 
 @pytest.mark.parametrize("key", ["scale", "columns"])

@@ -49,7 +49,7 @@ def test_a_replay_prints_one_line_for_every_estimate(watched):
     first, last = lines[0]["standard_deviation"], lines[-1]["standard_deviation"]
     assert last["mass"] < first["mass"]
     assert lines[-1]["accepted"] is True
-    assert "samples in" in said
+    assert said == ""  # narration is for terminals
     assert [json.loads(line) for line in (folder / "live.jsonl").read_text().splitlines()] == lines
 
 

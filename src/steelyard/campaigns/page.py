@@ -15,7 +15,7 @@ from steelyard.campaigns.charts.settings import CHARTS
 from steelyard.campaigns.results import best_rows, link
 from steelyard.campaigns.rows import DONE
 from steelyard.campaigns.work import INSPECT
-from steelyard.digits import LABELS, figures, number
+from steelyard.digits import LABELS, SHORT_LABELS, figures, fixed, number
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.output import results_file, write_file
 from steelyard.report.blocks.document import (
@@ -39,6 +39,10 @@ PAGE = "campaign"
 """Name of the files, without their endings."""
 _MOST_DRAWN = 2000
 """Recordings in a picture, the latest ones; a page of more would be slow."""
+_MOST_TICKS = 12
+"""Numbers below a picture over recordings."""
+_ROUND_SHARE = 0.01
+"""Probability from which two digits behind the point say all."""
 _MOST_LISTED = 1000
 """Rows of the table of all experiments; the rest is in the table on disk."""
 _WORST = 10
@@ -155,7 +159,7 @@ def _changes(
     for i, allowance in enumerate(CHARTS.allowances):
         x = _times(series, drawn)
         data = [
-            line(LABELS[p][0], x, chart.sums[i, drawn], {"color": line_colour(p), "width": 1.5})
+            line(SHORT_LABELS[p], x, chart.sums[i, drawn], {"color": line_colour(p), "width": 1.5})
             for p, chart in enumerate(charts)
         ]
         limit = {"color": "var(--bad)", "dash": "dash", "width": 1.5}
@@ -178,6 +182,7 @@ def _scatter(series: Series, charts: Sequence[ParameterChart]) -> Iterator[Block
     for p, chart in enumerate(charts):
         above, below = chart.p_values
         said = "as stated"
+        share = fixed(above, 2) if above >= _ROUND_SHARE else figures(above, 2)
         if above < level:
             said = "larger than stated"
         elif below < level:
@@ -186,7 +191,8 @@ def _scatter(series: Series, charts: Sequence[ParameterChart]) -> Iterator[Block
             said = "-"
         elif said != "as stated":
             marked.add((p, 5))
-        cells = (figures(chart.chi_square, 4), figures(chart.ratio), figures(above, 2), said)
+        sizes = (fixed(chart.chi_square, 1), fixed(chart.ratio, 2)) if chart.count else ("-", "-")
+        cells = (*sizes, share, said)
         rows.append((LABELS[p][0], str(chart.count), *cells))
         if above < level:
             statements.append(
@@ -259,6 +265,9 @@ def _axes(series: Series, y: str) -> dict[str, Any]:
     found = axes("recording, in the order of names" if series.times is None else "recorded", y)
     if series.times is not None:
         found["xaxis"]["type"] = "date"
+    else:
+        # There is nothing between two recordings.
+        found["xaxis"]["dtick"] = max(1, -(-min(len(series.names), _MOST_DRAWN) // _MOST_TICKS))
     return found
 
 

@@ -101,7 +101,7 @@ def time_left(done: float, elapsed: float) -> str:
     """In words, from the fraction that is done and how long that took [s]; empty where too little
     is done to tell.
     """
-    if done < _TOLD or elapsed < _LEAST_ELAPSED:
+    if done < _TOLD or elapsed < _LEAST_ELAPSED or done >= 1:
         return ""
     left = elapsed * (1 - done) / done
     if left < _MINUTES * 60:

@@ -12,7 +12,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.digits import LABELS, ten_numbers
 from steelyard.display import Display
-from steelyard.errors import InputError
+from steelyard.errors import InputError, WrongValueError
 from steelyard.estimates.chi_square import ChiSquareTest, agreement
 from steelyard.estimates.comparison_notes import (
     BOUND_NOTE,
@@ -182,6 +182,12 @@ def compare(
     """
     if isinstance(estimates, Mapping):
         estimates = [NamedEstimate(name, each) for name, each in estimates.items()]
+    for each in [estimates] if isinstance(estimates, str | bytes) else estimates:
+        if not (isinstance(each, NamedEstimate) and isinstance(each.estimate, Estimate)):
+            raise WrongValueError(
+                "estimates: expected named estimates, or a mapping of names to estimates, found"
+                f" {type(each).__name__}; read_estimates makes them of a file"
+            )
     if len(estimates) < 2:
         raise InputError(
             f"compare: expected at least two estimates, found {len(estimates)}; name another, or"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array, complex_step_jacobian
+from steelyard.errors import WrongValueError
 from steelyard.estimates.comparison_notes import BOUND_NOTE, INDEPENDENT_NOTE, JOINT_NOTE, doubts
 from steelyard.estimates.comparison_settings import SETTINGS, ComparisonSettings
 from steelyard.estimates.estimate import Estimate, judge, unassessed
@@ -60,6 +61,12 @@ def payload(
         after: With it; likewise.
         settings: Levels and tolerances.
     """
+    for name, given in (("before", before), ("after", after)):
+        if not isinstance(given, NamedEstimate | Estimate):
+            raise WrongValueError(
+                f"{name}: expected an estimate, found {type(given).__name__}; read_estimates makes"
+                " them of a file"
+            )
     before = before if isinstance(before, NamedEstimate) else NamedEstimate("before", before)
     after = after if isinstance(after, NamedEstimate) else NamedEstimate("after", after)
     a, b = before.estimate, after.estimate

@@ -13,6 +13,7 @@ from scipy.special import (
     chdtrc,
     chdtri,
     fdtrc,
+    gammainc,
     gammaincinv,
     ndtr,
     ndtri,
@@ -69,3 +70,8 @@ def student_tail(x: ArrayLike, k: ArrayLike) -> Any:
 def fisher_tail(x: ArrayLike, k: ArrayLike, n: ArrayLike) -> Any:
     """Probability that Fisher's F with k and n degrees of freedom exceeds x."""
     return fdtrc(k, n, x)
+
+
+def poisson_tail(count: ArrayLike, mean: ArrayLike) -> Any:
+    """Probability that a Poisson number of a mean reaches a count of one or more."""
+    return gammainc(count, mean)

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, number_given, whole_given
 from steelyard.digits import LABELS
 from steelyard.display import Display
+from steelyard.errors import WrongValueError
 from steelyard.excitation.evaluation import MotionEvaluation, evaluate_motions, information_before
 from steelyard.excitation.information.optimality_criterion import OptimalityCriterion, Target
 from steelyard.excitation.limits.motion_constraints import Margin
@@ -138,6 +139,16 @@ def design(
     """
     begun = time.time()
     report = progress or (lambda what, fraction: None)
+    duration, budget = (
+        number_given(duration, "--duration"),
+        number_given(budget, "--budget", above=0),
+    )
+    margin, runs = number_given(margin, "--margin", least=0), whole_given(runs, "--runs", least=1)
+    seed, processes = whole_given(seed, "--seed"), whole_given(processes, "--processes", least=1)
+    if target is not None and not isinstance(target, Target):
+        raise WrongValueError(
+            f"target: expected a Target, found {type(target).__name__}; Target.default makes one"
+        )
     experiment = planned(experiment, sensors)
     robot = with_pose_limits(experiment.robot)
     experiment = replace(experiment, robot=robot)

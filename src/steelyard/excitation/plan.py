@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from steelyard.experiment.model import Experiment
@@ -44,6 +45,8 @@ def planned(
 
 def is_experiment(place: str | Path) -> bool:
     """Whether a path leads to an experiment and not to a robot."""
+    if not isinstance(place, str | os.PathLike):
+        return False
     path = Path(place)
     if str(place) in bundled_names() or not path.is_file():
         return False

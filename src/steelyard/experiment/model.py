@@ -380,12 +380,12 @@ class Experiment:
         for name in instruments:
             if name not in known:
                 raise InputError(
-                    f"without: expected one of {', '.join(known)}, found '{name}'; choose one of"
+                    f"--without: expected one of {', '.join(known)}, found '{name}'; choose one of"
                     " these"
                 )
             if self.is_force(name):
                 raise InputError(
-                    f"without: expected an instrument that measures the motion, found '{name}',"
+                    f"--without: expected an instrument that measures the motion, found '{name}',"
                     " which measures the forces; choose another"
                 )
         runs = tuple(

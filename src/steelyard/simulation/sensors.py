@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from steelyard.errors import InputError
+from steelyard.errors import InputError, WrongValueError
 from steelyard.experiment.read import check_instruments
 from steelyard.instruments import AnyInstrument, Instrument
 from steelyard.instruments.base import exact, is_absent, sigma
@@ -180,6 +181,12 @@ def read_sensors(which: str, robot: Robot) -> Sensors:
     Raises:
         InputError: No such name, or the file is wrong.
     """
+    if not isinstance(which, str | os.PathLike):
+        raise WrongValueError(
+            "--sensors: expected Sensors, a name or the path of a YAML file, found"
+            f" {type(which).__name__}; correct it"
+        )
+    which = os.fspath(which)
     if which == "paper":
         return paper_sensors(robot)
     if which == "ideal":

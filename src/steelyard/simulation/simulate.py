@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.errors import InputError
+from steelyard.arrays import number_given, whole_given
+from steelyard.errors import InputError, WrongValueError
 from steelyard.experiment.model import Experiment, Load, Run
 from steelyard.experiment.write import write_experiment
 from steelyard.inertia import Inertia
@@ -119,8 +120,16 @@ def simulate(
         InputError: The robot file lacks what a simulation needs, or there is nothing of a name.
         InfeasibleError: The robot cannot follow a trajectory.
     """
+    seed = whole_given(seed, "--seed")
+    if duration is not None:
+        duration = number_given(duration, "--duration", above=0, unit="s")
     robot = robot if isinstance(robot, Robot) else read_robot(robot)
-    sensors = read_sensors(sensors, robot) if isinstance(sensors, str) else sensors
+    sensors = sensors if isinstance(sensors, Sensors) else read_sensors(sensors, robot)
+    if not isinstance(trajectories, str | Mapping):
+        raise WrongValueError(
+            "trajectories: expected a mapping of names to motions, a name or the path of a file,"
+            f" found {type(trajectories).__name__}; correct it"
+        )
     if isinstance(trajectories, str):
         trajectories = motions(robot, trajectories, duration)
     elif duration is not None:

@@ -654,3 +654,27 @@ def test_a_border_without_columns_is_empty():
     derivative, columns = border.collected()
     assert derivative.shape == (5, 2, 0)
     assert columns.shape == (0,)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("k", [1, 3])
+def test_the_end_of_the_noise_is_not_said_to_be_beyond_it(k, seed):
+    size = np.sqrt(np.random.default_rng(seed).chisquare(k, 40_000))
+    tally = Tally()
+    tally.add(("tracker", "position"), size, robust_weight(size, k), k)
+    assert tally.far["tracker", "position"] > 0
+    assert not tally.is_beyond_noise(("tracker", "position"))
+    assert not tally.is_beyond_noise(("imu", "orientation"))
+    size[7] = 8.0
+    flipped = Tally()
+    flipped.add(("tracker", "position"), size, robust_weight(size, k), k)
+    tally.include(flipped)
+    assert tally.is_beyond_noise(("tracker", "position"))
+
+
+def test_many_that_stand_a_little_too_far_are_beyond_noise():
+    size = np.abs(np.random.default_rng(0).standard_normal(40_000))
+    size[:30] = 4.0
+    tally = Tally()
+    tally.add(("tracker", "position"), size, robust_weight(size, 1), 1)
+    assert tally.is_beyond_noise(("tracker", "position"))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from steelyard.arrays import number_given, whole_given
 from steelyard.campaigns.inputs import inputs_hash
 from steelyard.campaigns.journal import alone_in, joined
 from steelyard.campaigns.rows import LOST, REFUSED, known_hashes
@@ -100,6 +101,8 @@ def study(
     """
     methods = (methods,) if isinstance(methods, str) else tuple(methods)
     chosen_methods(methods)
+    draws, bootstrap = whole_given(draws, "--draws"), whole_given(bootstrap, "--bootstrap")
+    seed, block = whole_given(seed, "--seed"), number_given(block, "--block", least=0, unit="s")
     count = draws or bootstrap
     if count < 2 or (draws and bootstrap):
         raise InputError(

@@ -150,7 +150,7 @@ def watch(
         for each in watch(plan, samples, name, settings, stopped):
             session = each.session
             for remark in each.remarks:
-                _say(remark, quiet=quiet)
+                _remark(remark, quiet=quiet)
             for record in each.records:
                 first = record.time if first is None else first
                 if rate is not None and last is not None and record.time - last < 1 / rate:
@@ -197,15 +197,18 @@ def _finished(
     quiet: bool,
 ) -> int:
     """Write what was found in the end; the exit status."""
+    from dataclasses import replace
+
     from steelyard.identification.identify import Identification
     from steelyard.live.record import TABLE_FORMAT, table_of
     from steelyard.live.session import in_words
     from steelyard.output import results_folder, write_json, write_table
 
     if found is None or found.estimate is None:
-        _say("nothing has arrived", quiet=False)
+        _say("nothing has arrived")
         return NOT_ACCEPTED
-    estimate = found.estimate
+    received = in_words(found.session)
+    estimate = replace(found.estimate, notes=(*found.estimate.notes, f"received: {received}"))
     identification = Identification(plan.name, plan.robot.platform, {estimate.method: estimate})
     if out is not None and beside is not None:
         # Both at once: a table is never beside the estimate of another.
@@ -215,18 +218,23 @@ def _finished(
                 write_table(
                     [(found.session.name, table_of(records))], folder / out.name, TABLE_FORMAT
                 )
-    _say(in_words(found.session), quiet=quiet)
-    _say(str(estimate.verdict), quiet=quiet)
+    _remark(received, quiet=quiet)
+    _remark(str(estimate.verdict), quiet=quiet)
     return 0 if estimate.verdict.accepted else NOT_ACCEPTED
 
 
-def _say(text: str, *, quiet: bool) -> None:
-    """A remark on stderr, in which nothing of a message can steer the terminal."""
+def _remark(text: str, *, quiet: bool) -> None:
+    """What only somebody who looks at it wants to know."""
+    if not quiet and sys.stderr.isatty():
+        _say(text)
+
+
+def _say(text: str) -> None:
+    """A line on stderr, in which nothing of a message can steer the terminal."""
     from steelyard.display import printable
 
-    if not quiet:
-        sys.stderr.write(f"{in_lines(f'steelyard: {printable(text)}', sys.stderr)}\n")
-        sys.stderr.flush()
+    sys.stderr.write(f"{in_lines(f'steelyard: {printable(text)}', sys.stderr)}\n")
+    sys.stderr.flush()
 
 
 @contextmanager
@@ -239,9 +247,9 @@ def _page(title: str, port: int, listen: str | None) -> Iterator[Any]:
 
     made = live_page(title)
     sink = PageSink(made.html, made.policy, port, listen)
-    _say(f"page: {sink.url}", quiet=False)
+    _say(f"page: {sink.url}")
     if sink.token is not None:
-        _say("the page is sent unencrypted: use it within a network you trust", quiet=False)
+        _say("the page is sent unencrypted: use it within a network you trust")
     try:
         yield sink
     finally:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, readonly
 from steelyard.errors import InputError
 from steelyard.excitation.command.commanded_state import COMMAND
 from steelyard.excitation.command.motion_spline import COORDINATES
@@ -139,7 +139,7 @@ def checked_pose(constraints: MotionConstraints, pose: Array, which: str) -> Arr
     Raises:
         InputError: It is outside the limits, or the cables cannot hold the platform there.
     """
-    robot = constraints.robot
+    robot, pose = constraints.robot, readonly(pose, (COORDINATES,), f"--{which}")
     commands = np.concatenate([pose, np.zeros(COMMAND - COORDINATES)])[None]
     values = constraints.values(commands)[0]
     worst = int(values.argmax())

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from scipy.spatial.transform import Rotation
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, number_given, whole_given
 from steelyard.calibration.calibrate import GeometryCalibration
 from steelyard.calibration.first_poses import UPRIGHT
 from steelyard.calibration.fit import GeometryFit, fit_geometry
@@ -108,6 +108,8 @@ def design_poses(
             many poses, or their readings leave the geometry undetermined.
     """
     tell = progress or (lambda what, fraction: None)
+    poses, seed = whole_given(poses, "--poses"), whole_given(seed, "--seed")
+    margin = number_given(margin, "--margin", least=0)
     if not settings.fewest_poses <= poses <= settings.most_poses:
         raise InputError(
             f"--poses: expected {settings.fewest_poses} to {settings.most_poses}, found {poses};"

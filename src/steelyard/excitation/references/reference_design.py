@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, number_given, whole_given
 from steelyard.bodies.nearest_body import nearest_body
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import identifiable_parameters
@@ -144,7 +144,7 @@ def design_references(
             experiment cannot be fitted.
     """
     tell = progress or (lambda what, fraction: None)
-    _check(poses, sigma)
+    _check(whole_given(poses, "--poses"), number_given(sigma, "--reference-sigma"))
     base, runs = _base(subject, sensors, motion, duration, progress, settings)
     experiment, recorded = base.experiment, _is_recorded(subject)
     body = _body_of(base) if recorded else designed_body(experiment.robot)

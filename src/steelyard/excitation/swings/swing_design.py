@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.arrays import Array
+from steelyard.arrays import Array, number_given, whole_given
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate
 from steelyard.estimates.per_mass import PerMass
@@ -122,6 +122,7 @@ def design_swings(
             hangs on these cables nowhere.
     """
     tell = progress or (lambda what, fraction: None)
+    swings, duration = whole_given(swings, "--poses"), number_given(duration, "--duration")
     if not 1 <= swings <= settings.most_swings:
         raise InputError(
             f"--poses: expected 1 to {settings.most_swings} swings, found {swings}; choose another"

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
+from steelyard.digits import SHORT_LABELS
 from steelyard.dynamics import platform_regressor
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate, plausible_radius
@@ -29,7 +30,6 @@ from steelyard.identification.methods.settings import TWO_STEP, TwoStepSettings
 from steelyard.identification.model.sources import Acceleration, choose_sources
 from steelyard.identification.samples.preparation import Samples, prepare
 from steelyard.identification.solve.posterior import Posterior
-from steelyard.inertia import BODY_PARAMETERS
 from steelyard.instruments.equations import means, predict, terms_behind
 from steelyard.motion.state import State
 
@@ -449,7 +449,7 @@ def _with_better_cog(
 
 def _untold_notes(estimate: Estimate, moving: Sequence[Samples]) -> list[str]:
     """Which of the ten are not identifiable, and why, in words."""
-    untold = [name for name, v in zip(BODY_PARAMETERS, estimate.value, strict=True) if np.isnan(v)]
+    untold = [name for name, v in zip(SHORT_LABELS, estimate.value, strict=True) if np.isnan(v)]
     if not untold:
         return []
     if moving:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.estimates.quantiles import chi2_quantile
+from steelyard.estimates.quantiles import chi2_quantile, chi2_tail
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import (
     UNMODELLED,
@@ -570,12 +570,15 @@ def tally_forces(
         else 1.0
     )
     near = used_at_all & (size <= limit(6) * max(1.0, usual))
+    farthest = float(np.max(size, where=used_at_all, initial=0.0)) / max(1.0, usual)
+    rarest = float(chi2_tail(farthest**2, 6))
     correction, decided = at.correction, at.noise.decided
     for quantity, own in force_samples.places.items():
         used = ~force_samples.left_out[:, own]
         label = segment.label(force_samples.name, quantity)
         _count(tally, label, correction[:, own] * used, decided[:, own] * used, weight, near)
         tally.far[label] += int(np.sum(~used))
+        tally.see(label, rarest)
     if force_samples.unmodelled is not None:
         label, rest = segment.label(ROBOT, UNMODELLED), at.noise.readings
         _count(tally, label, correction[:, rest:], decided[:, rest:], weight, near)

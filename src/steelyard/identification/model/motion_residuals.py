@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.estimates.quantiles import chi2_quantile
+from steelyard.estimates.quantiles import chi2_quantile, chi2_tail, poisson_tail
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
@@ -56,6 +56,8 @@ _PLACE, _SPEED = 100.0, 10.0
 it does not fly away."""
 _FAR = 1e-4
 """Probability of a number that counts no more than noise may reach [Huber1964]_."""
+_SURELY = 1e-3
+"""Probability below which what stands far is not the end of the noise."""
 _JERK_NODES = 3
 """Of the quadrature between two knots: exact for squares of what is quadratic there."""
 AT_ONCE = 16384
@@ -308,6 +310,8 @@ class Tally:
     """Numbers in it."""
     far: dict[Source, int] = field(default_factory=dict)
     """Numbers that stand far."""
+    rarest: dict[Source, float] = field(default_factory=dict)
+    """Probability with which noise alone takes one number as far as the farthest."""
     held: dict[Source, tuple[float, float]] = field(default_factory=dict)
     """The same sum with those that stand far, which count as at the limit [Huber1964]_, and how
     many numbers it is of: noise of long tails."""
@@ -323,10 +327,26 @@ class Tally:
         ):
             for label, value in further.items():
                 own[label] = own.get(label, 0) + value  # type: ignore[assignment]
+        for label, probability in other.rarest.items():
+            self.see(label, probability)
         for label, (square, numbers) in other.held.items():
             whole, count = self.held.get(label, (0.0, 0.0))
             self.held[label] = (whole + square, count + numbers)
         self.cost += other.cost
+
+    def see(self, label: Source, probability: float) -> None:
+        """Keep the smallest probability of a number of some readings."""
+        self.rarest[label] = min(self.rarest.get(label, 1.0), probability)
+
+    def is_beyond_noise(self, label: Source) -> bool:
+        """Whether more numbers stand far than noise alone would have put there, or one farther."""
+        numbers, far = self.count.get(label, 0.0), self.far.get(label, 0)
+        if not far:
+            return False
+        return (
+            self.rarest.get(label, 0.0) * (numbers + far) < _SURELY
+            or float(poisson_tail(far, _FAR * (numbers + far))) < _SURELY
+        )
 
     def add(self, label: Source, size: Array, weight: Array, each: int) -> None:
         """Count residuals.
@@ -343,6 +363,8 @@ class Tally:
         self.square[label] = self.square.get(label, 0.0) + float(np.sum(size[near] ** 2))
         self.count[label] = self.count.get(label, 0.0) + each * int(np.sum(near))
         self.far[label] = self.far.get(label, 0) + int(np.sum(~near & (weight > 0)))
+        farthest = float(np.max(size, where=weight > 0, initial=0.0)) / max(1.0, usual)
+        self.see(label, float(chi2_tail(farthest**2, each)))
         whole, numbers = self.held.get(label, (0.0, 0.0))
         self.held[label] = (
             whole + float(np.sum((size * weight) ** 2)),

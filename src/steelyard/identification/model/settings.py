@@ -75,6 +75,9 @@ class MotionSettings:
     least_noise: float = 1e-4
     """Of a quantity that scatters by nothing but rounding, as a part of how much it varies: no
     sensor resolves more."""
+    finest_noise: float = 1e-7
+    """The same of a quantity whose noise is stated: squares of less are lost in the rounding of
+    normal equations."""
     least_jerk: float = 1e-2
     """Mean square of a third derivative to begin with, at least [m^2/s^6], [1/s^6]: where nothing
     tells the place, it begins as if at rest."""

@@ -14,6 +14,9 @@ _TYPICAL_SIZE = 1e-12
 _LEAST_NOISE = 1e-3
 """Of force readings whose noise is not stated, as a part of the largest: no sensor is described
 better."""
+_FINEST = 1e-7
+"""Of force readings, as a part of the largest: squares of less are lost in the rounding of normal
+equations, whatever is stated."""
 _NOISE_AT_REST = 10.0
 """First guess of the noise of readings of which each stands alone, in units of the least."""
 
@@ -23,7 +26,8 @@ def force_sigma(experiment: Experiment, run: Run, samples: Samples) -> tuple[Arr
     quantities = _force_quantities(experiment, run)
     least = least_sigma(experiment, run)
     if all(q.noise for q in quantities):
-        return np.concatenate([np.full(q.size, q.noise) for q in quantities]), True
+        stated = np.concatenate([np.full(q.size, q.noise) for q in quantities])
+        return np.maximum(stated, _FINEST / _LEAST_NOISE * least), True
     seen = np.concatenate([np.full(q.size, samples.noise.get(q.name, np.nan)) for q in quantities])
     return np.maximum(np.where(np.isfinite(seen), seen, _NOISE_AT_REST * least), least), False
 

@@ -269,14 +269,19 @@ def _moving(
                     else spacing
                 ),
             )
+            least_seen = least_noise(stream.values[use], settings)
+            finest = settings.finest_noise / settings.least_noise * least_seen
             sigma = (
-                float(np.hypot(stream.sigma, unresolved(stream.disturbed, spacing, stream.step)))
+                float(
+                    np.hypot(
+                        max(stream.sigma, finest),
+                        unresolved(stream.disturbed, spacing, stream.step),
+                    )
+                )
                 if stream.sigma
                 else scatter(stream.common[use], stream.values[use], start, end, width, settings)
             )
-            least[stream.source] = min(
-                least.get(stream.source, np.inf), least_noise(stream.values[use], settings)
-            )
+            least[stream.source] = min(least.get(stream.source, np.inf), least_seen)
             tension = None
             if stream.needs_tension and samples.tension is not None:
                 tension = np.column_stack(

@@ -283,6 +283,7 @@ def _followed(task: Task, state: FitState, step: NewtonStep, tally: Tally) -> Ta
         {**tally.square, **found.square},
         {**tally.count, **found.count},
         {**tally.far, **found.far},
+        {**tally.rarest, **found.rarest},
         {**tally.held, **found.held},
     )
 

@@ -75,6 +75,23 @@ def point_of(excerpt: Excerpt, name: str) -> Array:
     return np.array(excerpt.instruments[name].mounting.point or (0.0, 0.0, 0.0), dtype=np.float64)
 
 
+def place_sigma(instrument: Instrument, robot: Robot) -> Array:
+    """1-sigma with which it is stated where an instrument sits [m], shape (3,); zero where it is
+    said nowhere.
+    """
+    key = instrument.mounting.point_key
+    for term in instrument.terms(robot.m):
+        if term.key == key and term.deviation is not None:
+            return term.deviation
+    return np.zeros(3)
+
+
+def lever_of(instrument: Instrument, robot: Robot) -> float:
+    """How far from the origin of the platform an instrument may well sit [m]."""
+    point = np.array(instrument.mounting.point or (0.0, 0.0, 0.0), dtype=np.float64)
+    return float(np.linalg.norm(np.concatenate([point, place_sigma(instrument, robot)])))
+
+
 def tracker_frame(excerpt: Excerpt, name: str) -> tuple[Array, Array]:
     """Origin of the frame that readings stand in, in the world [m], and R_world_tracker."""
     frame = excerpt.instruments[name].mounting.frame
@@ -152,8 +169,8 @@ def origin_motion(excerpt: Excerpt, source: Source, turned: AttitudeMotion) -> O
 
 @lru_cache(maxsize=_REMEMBERED)
 def _origin_motion(read: Observation, turned: AttitudeMotion, solver: _Solver) -> OriginMotion:
-    size = float(np.linalg.norm(solver.instrument.mounting.point or (0.0, 0.0, 0.0)))
-    noise = np.hypot(read.noise, size * np.array(turned.noise))
+    lever = lever_of(solver.instrument, solver.robot)
+    noise = np.hypot(read.noise, lever * np.array(turned.noise))
     return OriginMotion(
         solver.value(read.value, rotation=turned.rotation),
         solver.change(read.rate, rotation=turned.rate),

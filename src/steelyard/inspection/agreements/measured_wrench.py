@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
+from steelyard.dynamics import specific_force_at
 from steelyard.errors import InfeasibleError
 from steelyard.identification.model.sources import Source
 from steelyard.inspection.agreements.excerpt import Excerpt
@@ -18,7 +19,9 @@ from steelyard.inspection.agreements.frames import (
     OriginMotion,
     angular_velocity,
     attitude_motion,
+    lever_of,
     origin_motion,
+    place_sigma,
     point_of,
     specific_force_of_origin,
 )
@@ -77,14 +80,18 @@ def platform_motion(excerpt: Excerpt, sources: tuple[Source, ...]) -> PlatformMo
     if turning is None:
         return None
     omega, alpha, jitter = turning
-    of_force = first.get("specific_force")
+    of_force, place = first.get("specific_force"), None
     if of_force is not None:
         force, noise = _by_accelerometer(excerpt, of_force, turned, omega, alpha, jitter)
+        place = of_force
     elif turned is not None:
         force = specific_force(excerpt, turned, where)
         noise = float(np.hypot(9.81 * turned.noise[0], 0.0 if where is None else where.noise[2]))
+        place = None if where is None else first["position"]
     else:
         return None
+    if place is not None:
+        noise = float(np.hypot(noise, _by_place(excerpt, place[0], omega, alpha)))
     return PlatformMotion(turned, where, force, omega, alpha, (noise, jitter), first)
 
 
@@ -105,6 +112,15 @@ def _turning(
     return None
 
 
+def _by_place(excerpt: Excerpt, name: str, omega: Array, alpha: Array) -> float:
+    """Root mean square of what it changes in the acceleration of the origin that nobody knows well
+    where an instrument sits [m/s^2].
+    """
+    _, by_point = specific_force_at(np.zeros_like(omega), omega, alpha, np.zeros(3))
+    changes = by_point * place_sigma(excerpt.instruments[name], excerpt.robot)
+    return float(np.sqrt(np.mean(np.sum(changes**2, axis=2))))
+
+
 def _by_accelerometer(
     excerpt: Excerpt,
     of_force: Source,
@@ -116,7 +132,7 @@ def _by_accelerometer(
     """Specific force of the origin [m/s^2], shape (n, 3), and its noise."""
     rotation = np.broadcast_to(np.eye(3), (len(omega), 3, 3)) if turned is None else turned.rotation
     force = specific_force_of_origin(excerpt, of_force, rotation, omega, alpha)
-    lever = float(np.linalg.norm(point_of(excerpt, of_force[0])))
+    lever = lever_of(excerpt.instruments[of_force[0]], excerpt.robot)
     # Bias and small misalignment are its own, and are allowed for elsewhere.
     own, error = excerpt.observations[of_force].noise[0], excerpt.settings.balance.accelerometer
     noise = float(np.sqrt(own**2 + (lever * jitter) ** 2 + error**2))

@@ -23,7 +23,9 @@ from steelyard.inspection.agreements.frames import (
     OriginMotion,
     angular_velocity,
     attitude_motion,
+    lever_of,
     origin_motion,
+    place_sigma,
     point_of,
     specific_force_there,
 )
@@ -149,7 +151,7 @@ def _accelerometer(
         read.noise[0] ** 2
         + (9.81 * turned.noise[0]) ** 2
         + (excerpt.settings.vibration**2 if where is None else where.noise[2] ** 2)
-        + (float(np.linalg.norm(point)) * turned.noise[2]) ** 2
+        + (lever_of(excerpt.instruments[of_force[0]], excerpt.robot) * turned.noise[2]) ** 2
     )
     if where is None:
         # What accelerates it is not known: whatever moves it back and forth.
@@ -157,6 +159,10 @@ def _accelerometer(
     bias = sigma_of(excerpt, of_force[0], "accelerometer_bias", least["m/s^2"])
     misalignment = sigma_of(excerpt, of_force[0], "misalignment", least["rad"])
     position = sigma_of(excerpt, of_force[0], "position", excerpt.settings.least_lever)
+    if of_position is not None:
+        # A target that sits elsewhere shows as an accelerometer does that sits elsewhere.
+        tracker = excerpt.instruments[of_position[0]]
+        position = np.hypot(position, place_sigma(tracker, excerpt.robot))
     return compare(
         excerpt,
         (of_force, of_attitude) if of_position is None else (of_force, of_attitude, of_position),

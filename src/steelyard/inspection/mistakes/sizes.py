@@ -128,8 +128,8 @@ def _beyond(experiment: Experiment, size: float, settings: SizeSettings) -> str:
         )
     if np.isfinite(high) and size > settings.beyond * high:
         return f"the median tension is {size:.3g} N, where the robot file allows {high:g} N"
-    if robot.gravity.any():
-        # Every cable as if it pulled upwards: no mass could be larger.
+    if robot.gravity.any() and not 0 < low <= size:
+        # Who says of how few newtons these cables are tight enough knows them. Else: every cable as if it pulled upwards: no mass could be larger.
         most = size * robot.m / float(np.linalg.norm(robot.gravity))
         air = settings.air * robot.size**3
         if most < air:

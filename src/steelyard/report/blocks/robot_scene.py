@@ -12,6 +12,9 @@ from steelyard.arrays import Array
 from steelyard.report.blocks.document import Figure, Replay, Scene
 from steelyard.report.evidence.values import Shape
 
+_UPRIGHT = 1.35
+"""Weight of the height in how far away a picture is seen from."""
+
 
 def robot_scene(
     shape: Shape, courses: Sequence[Replay], centre: Array | None, place: Array | None = None
@@ -54,8 +57,10 @@ def equal_scales(data: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Equal scales on all axes, seen from so far that everything is in the picture."""
     points = np.concatenate([np.stack([each[axis] for axis in "xyz"], axis=1) for each in data])
     extent = np.maximum(np.nanmax(points, axis=0) - np.nanmin(points, axis=0), 1e-3)
-    # Plotly scales the axes so that their product is one; a cube is seen well from 2.1.
-    away = float(np.clip(0.72 * np.linalg.norm(extent / np.prod(extent) ** (1 / 3)), 1.2, 4.0))
+    # Plotly scales the axes so that their product is one. Pictures are wide: what is high is seen
+    # whole from farther away.
+    seen = extent / np.prod(extent) ** (1 / 3) * np.array([1.0, 1.0, _UPRIGHT])
+    away = float(np.clip(0.72 * np.linalg.norm(seen), 1.2, 4.0))
     axes = {f"{axis}axis": {"title": {"text": f"{axis} [m]"}} for axis in "xyz"}
     eye = {"x": round(away, 2), "y": round(-away, 2), "z": round(0.6 * away, 2)}
     return {

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.digits import LABELS, between, figures, fixed, per_cent
+from steelyard.digits import LABELS, between, deviation, figures, fixed, per_cent
 from steelyard.excitation.evaluation import InformationShares, MotionEvaluation
 from steelyard.excitation.limits.verification import Verified
 from steelyard.inertia import BODY_PARAMETERS
@@ -70,7 +70,9 @@ def _precision(evaluation: MotionEvaluation) -> Grid:
 def _sigmas(deviations: Array) -> list[str]:
     """1-sigma of the ten in the units of :data:`LABELS`, from SI, shape (10,)."""
     factors = [factor for _, _, factor in LABELS]
-    return ["not identifiable" if np.isnan(v) else figures(v, 3) for v in deviations * factors]
+    return [
+        "not identifiable" if np.isnan(v) else deviation(float(v)) for v in deviations * factors
+    ]
 
 
 def drawn_over_time(shares: InformationShares, parameter: int) -> str:

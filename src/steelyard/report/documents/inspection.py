@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import groupby
 
 import numpy as np
 
-from steelyard.digits import LABELS, figures, fixed, milliseconds, number
+from steelyard.digits import LABELS, deviation, figures, fixed, milliseconds, number
 from steelyard.inspection.contact import Contact
 from steelyard.inspection.inspect import Inspection
 from steelyard.inspection.streams import StreamReport
@@ -138,8 +138,9 @@ def _body(found: Inspection) -> Grid:
     assert found.excitation is not None
     body = found.excitation.body
     factors = [factor for _, _, factor in LABELS]
-    values = [figures(each.value * factor) for each, factor in zip(body, factors, strict=True)]
-    sigmas = [figures(each.sigma * factor) for each, factor in zip(body, factors, strict=True)]
+    scales = [(each.value * f, each.sigma * f) for each, f in zip(body, factors, strict=True)]
+    values = [number(value, sigma).partition(" ± ")[0] for value, sigma in scales]
+    sigmas = [deviation(sigma) for _, sigma in scales]
     columns = [
         ParameterTexts("rough estimate", values),
         ParameterTexts("smallest 1-sigma", sigmas),
@@ -157,8 +158,8 @@ def _calibration(found: Inspection) -> Grid:
         group = list(each)
         count = f" ({len(group)})" if len(group) > 1 else ""
         unit = shown_unit(group[0].unit, "error")
-        sigma = _range(scaled(f.sigma, unit.factor) for f in group)
-        prior = _range(scaled(f.prior, unit.factor) for f in group)
+        sigma = _range((scaled(f.sigma, unit.factor) for f in group), deviation)
+        prior = _range((scaled(f.prior, unit.factor) for f in group), figures)
         by = _counted([finding.told for finding in group])
         rows.append((name + count, unit.name, sigma, prior, by))
     title = "Identifiability of the calibration parameters"
@@ -173,9 +174,9 @@ def _counted(texts: Sequence[str]) -> str:
     return ", ".join(f"{count} {word}" for word, count in counts.items())
 
 
-def _range(values: Iterable[float | None]) -> str:
+def _range(values: Iterable[float | None], text: Callable[[float | None], str]) -> str:
     """One number, or the least and the largest of several."""
-    shown = [figures(value) for value in sorted(v for v in values if v is not None)]
+    shown = [text(value) for value in sorted(v for v in values if v is not None)]
     return "-" if not shown else shown[0] if shown[0] == shown[-1] else f"{shown[0]} to {shown[-1]}"
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from steelyard.digits import between, fixed
 from steelyard.errors import InputError
 from steelyard.exports.hanging import LEAST_CABLES, hang
 from steelyard.report.blocks.document import (
@@ -17,6 +18,9 @@ from steelyard.report.blocks.document import (
 from steelyard.report.blocks.robot_scene import robot_scene
 from steelyard.report.evidence.values import Shape
 from steelyard.robot.model import Robot
+
+_PLACES = 4
+"""Digits behind the point of coordinates [m]: those of a tracker."""
 
 
 def robot_document(robot: Robot) -> Document:
@@ -55,7 +59,7 @@ def _held(robot: Robot) -> tuple[list[Statement], np.ndarray]:
         return [Statement(str(error).removeprefix("robot: "), "bad")], middle
     low, high = found.tension.min(), found.tension.max()
     at = ", ".join(f"{v:.3g}" for v in found.position)
-    held = f"At ({at}) m, level, its cables hold the platform with {low:.4g} to {high:.4g} N."
+    held = f"At ({at}) m, level, its cables hold the platform with {between(low, high)} N."
     return [Statement(held, "good")], found.position
 
 
@@ -65,10 +69,10 @@ def _cables(robot: Robot, place: np.ndarray) -> Grid:
     rows = tuple(
         (
             str(i + 1),
-            ", ".join(f"{v:.4g}" for v in robot.anchors[i]),
-            ", ".join(f"{v:.4g}" for v in robot.attachments[i]),
-            f"{robot.pulley_radius[i]:.4g}" if robot.pulley_radius[i] else "-",
-            f"{chords[i]:.3f}",
+            ", ".join(fixed(v, _PLACES) for v in robot.anchors[i]),
+            ", ".join(fixed(v, _PLACES) for v in robot.attachments[i]),
+            fixed(robot.pulley_radius[i], _PLACES) if robot.pulley_radius[i] else "-",
+            fixed(chords[i], _PLACES),
         )
         for i in range(robot.m)
     )

@@ -6,14 +6,16 @@ from pathlib import Path
 
 import click
 
-from steelyard.cli.options import force_option, out_option
+from steelyard.cli.options import common, force_option, out_option
+from steelyard.cli.printing import print_json
 
 
 @click.command(short_help="The JSON schema of any file that steelyard reads or writes.")
 @click.argument("which", default="experiment", metavar="[NAME]")
 @out_option(help="File to write. Default: print it.")
 @force_option(help="Replace the file.")
-def schema(which: str, out: Path | None, force: bool) -> None:
+@common
+def schema(which: str, out: Path | None, force: bool, as_json: bool, quiet: bool) -> None:
     """Print the JSON schema of a kind of file, of tables that of a row.
 
     NAME is experiment (the default), robot, estimate, report, calibration or another that
@@ -24,6 +26,11 @@ def schema(which: str, out: Path | None, force: bool) -> None:
     from steelyard.output import check_file_target, results_file, to_json, write_file
 
     if which == "list":
+        if as_json:
+            print_json({
+                name: {"format": kind.number, "where": kind.where} for name, kind in FORMATS.items()
+            })  # fmt: skip
+            return
         for name, kind in FORMATS.items():
             print(f"{name:12} {kind.number:24} {kind.where}")
         return
@@ -40,6 +47,9 @@ def schema(which: str, out: Path | None, force: bool) -> None:
         return
     with results_file(out, force=force) as fresh:
         write_file(fresh, text)
+    if as_json:
+        print_json({"out": str(out), "format": FORMATS[which].number})
+        return
     if which not in ("experiment", "robot"):
         print(f"{out}: the schema of {FORMATS[which].number}")
         return

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.digits import SHORT_LABELS
 from steelyard.estimates.estimate import Estimate, judge
 from steelyard.identification.methods.from_posterior.unstated import (
     disturbances,
@@ -154,7 +155,7 @@ def _of_weights(found: Posterior) -> list[str]:
 def _notes(found: Posterior) -> list[str]:
     """What is not identifiable, and why the 1-sigma was enlarged, in words."""
     notes = []
-    lacking = np.array(BODY_PARAMETERS)[~found.identifiable]
+    lacking = np.array(SHORT_LABELS)[~found.identifiable]
     if len(lacking):
         notes.append(f"not identifiable from these data: {', '.join(lacking)} ({_motion(found)})")
     for name, factor in found.solution.inflation.items():
@@ -233,7 +234,7 @@ def _left_out(found: Posterior) -> list[str]:
         f" {source[0]}, {source[1].replace('_', ' ')}, stand far from the motion, beyond what noise"
         " makes, as damaged files and glitches do: they count as at the limit of noise"
         for source, count in found.fit.tally.far.items()
-        if count
+        if found.fit.tally.is_beyond_noise(source)
     ]
     for run, contacts in found.contacts.items():
         when = ", ".join(f"{start:.2f} to {end:.2f} s" for start, end in contacts)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from steelyard.digits import LABELS, fixed
-from steelyard.inertia import BODY_PARAMETERS
+from steelyard.digits import LABELS, SHORT_LABELS, fixed
 from steelyard.report.blocks.document import Figure, Grid, Section, Statement, Statements
 from steelyard.report.blocks.plot import NAMES_DOWNWARDS
 from steelyard.report.evidence.summary import Summary
@@ -68,7 +67,7 @@ def budget_grid(summary: Summary) -> Grid:
         for column, i in enumerate(known)
         if (each.shares[i] or 0.0) >= _LARGEST
     )
-    head = ("share of the variance [%]", *(BODY_PARAMETERS[i] for i in known))
+    head = ("share of the variance [%]", *(SHORT_LABELS[i] for i in known))
     return Grid("Uncertainty budget", head, rows, frozenset(range(1, len(head))), marked=marked)
 
 
@@ -80,7 +79,7 @@ def _shown(summary: Summary) -> list[UncertaintySource]:
     large = [each for each in found if max(share or 0.0 for share in each.shares) >= _LEAST]
     small = [each for each in found if each not in large]
     if small:
-        rest = [sum((each.shares[i] or 0.0) for each in small) for i in range(len(BODY_PARAMETERS))]
+        rest = [sum((each.shares[i] or 0.0) for each in small) for i in range(len(LABELS))]
         if max(rest) >= _LEAST / 2:
             large.append(UncertaintySource("all others", tuple(rest)))
     return large

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from steelyard.digits import LABELS, fixed
-from steelyard.inertia import BODY_PARAMETERS
+from steelyard.digits import SHORT_LABELS, fixed
 from steelyard.report.blocks.document import Figure, Grid, Section, Statement, Statements
 from steelyard.report.blocks.plot import NAMES_DOWNWARDS
 from steelyard.report.evidence.summary import Summary
@@ -77,8 +76,5 @@ def _matrix(body: EstimatedBody) -> tuple[list[str], np.ndarray]:
     known = np.flatnonzero(np.diag(covariance) > 0)
     sigma = np.sqrt(np.diag(covariance)[known])
     found = covariance[np.ix_(known, known)] / np.outer(sigma, sigma)
-    names = [
-        BODY_PARAMETERS[i] if len(LABELS[i][0]) > len(BODY_PARAMETERS[i]) else LABELS[i][0]
-        for i in known
-    ]
+    names = [SHORT_LABELS[i] for i in known]
     return names, np.round(np.clip(np.nan_to_num(found), -1.0, 1.0), 4)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.digits import figures, fixed
+from steelyard.digits import alike, figures, fixed
 from steelyard.inertia import Inertia
 from steelyard.report.blocks.document import (
     Block,
@@ -210,13 +210,14 @@ def _principal_axes(body: Inertia) -> Grid:
     """Principal moments, their axes, and the box of the same inertia."""
     half, axes = box_of(body)
     rows = []
+    moments = alike(body.principal_moments.tolist(), 4)
     for k, moment in enumerate(body.principal_moments):
         axis = axes[:, k]
         # The largest component is positive.
         axis = axis * (np.sign(axis[np.argmax(np.abs(axis))]) or 1.0)
         direction = ", ".join(fixed(component, 3) for component in axis)
         radius = np.sqrt(moment / body.mass)
-        cells = (figures(moment, 4), f"({direction})", fixed(2 * half[k], 3), fixed(radius, 3))
+        cells = (moments[k], f"({direction})", fixed(2 * half[k], 3), fixed(radius, 3))
         rows.append((f"axis {k + 1}", *cells))
     head = (
         "",

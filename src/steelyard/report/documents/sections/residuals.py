@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.digits import figures, fixed
+from steelyard.digits import alike, figures, fixed
 from steelyard.identification.residuals import PLATFORM
 from steelyard.report.blocks.document import (
     Block,
@@ -142,7 +142,7 @@ def _table(traces: Sequence[Trace]) -> Grid:
                 words(each.quantity),
                 unit.name,
                 str(each.samples),
-                ", ".join(figures(scaled(rms, unit.factor)) for rms in each.rms),
+                ", ".join(alike([scaled(rms, unit.factor) for rms in each.rms])),
                 "-" if ratio is None else fixed(ratio, 2),
                 "-" if each.worst is None else fixed(each.worst, 1),
                 str(each.outliers),
