@@ -22,6 +22,7 @@ from steelyard.identification.model.motion_residuals import (
     Tally,
     jerk_matrices,
     limit,
+    median,
     motion_residuals,
     robust_weight,
 )
@@ -584,6 +585,13 @@ def test_where_most_stand_far_none_is_the_exception(rng):
     tally.add(ATTITUDE, size, robust_weight(size, 3), 3)
     assert tally.far[ATTITUDE] <= 1
     assert tally.square[ATTITUDE] / tally.count[ATTITUDE] == pytest.approx(100, rel=0.1)
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 12])
+def test_a_median_of_few_is_that_of_many_axes(n, rng):
+    values = rng.normal(size=(n, 3))
+    assert median(values) == np.median(values)
+    assert median(values[:, :1]) == np.median(values[:, 0])
 
 
 def test_numbers_without_weight_are_not_counted():

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, reduce
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -362,7 +362,7 @@ def accumulate(
     """
     size = functions * block
     parts: dict[Label, Array] = {}
-    side = np.zeros((functions, block, border))
+    side = np.zeros((size, border))
     corner, by_motion, by_border = (
         np.zeros((border, border)),
         np.zeros((functions, block)),
@@ -394,15 +394,14 @@ def accumulate(
                 own = slice(function * block, (function + 1) * block)
                 across[function : function + count] += products[:, own, width:]
             target = slice(origin, last + reach)
-            side[target, :, columns] += across[:, :, :-1]
+            own = slice(target.start * block, target.stop * block)
+            side[own, columns] += across.reshape(-1, len(columns) + 1)[:, :-1]
             by_motion[target] -= across[:, :, -1]
             total = products[:, width:, width:].sum(axis=0)
             corner[np.ix_(columns, columns)] += total[:-1, :-1]
             by_border[columns] -= total[:-1, -1]
     band = reduce(np.add, parts.values(), np.zeros((width, size)))
-    return NormalEquations(
-        band, side.reshape(size, border), corner, by_motion.ravel(), by_border, parts, block
-    )
+    return NormalEquations(band, side, corner, by_motion.ravel(), by_border, parts, block)
 
 
 def _products(rows: Array, instant: NDArray[np.intp], count: int) -> Array:
@@ -421,9 +420,11 @@ def _scatter(band: Array, products: Array, origin: int, block: int) -> None:
     """Add products of consecutive instants to a banded matrix."""
     count, width = len(products), len(band)
     if count < _FEW:
-        rows, columns = _lower(width)
-        for i, product in enumerate(products):
-            band[rows - columns, (origin + i) * block + columns] += product[rows, columns]
+        length = (count - 1) * block + width
+        own, squares = _squares(width, length, block, count)
+        for square, product in zip(squares, products, strict=True):
+            square += product[:width, :width]
+        band[:, origin * block : origin * block + length] += own
         return
     for column in range(width):
         function, place = divmod(column, block)
@@ -432,10 +433,20 @@ def _scatter(band: Array, products: Array, origin: int, block: int) -> None:
         own[: width - column] += products[:, column:width, column].T
 
 
-@cache
-def _lower(width: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of the lower half of a square."""
-    return np.tril_indices(width)
+def _squares(width: int, length: int, block: int, count: int) -> tuple[Array, Array]:
+    """A matrix of zeros in lower banded form, shape (width, length), and a view of the squares on its
+    diagonal that begin a block apart, shape (count, width, width).
+
+    Entry (r, c) of a square stands in row r - c of the band; what is above the diagonal goes to rows
+    that are not returned.
+    """
+    rows = np.zeros((2 * width - 1, length))
+    band = rows[width - 1 :]
+    row, column = rows.strides
+    view = np.lib.stride_tricks.as_strided(
+        band, shape=(count, width, width), strides=(block * column, row, column - row)
+    )
+    return band, view
 
 
 def spread(basis: Basis, *by_order: Array, block: int = POSE) -> Array:

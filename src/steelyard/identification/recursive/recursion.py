@@ -40,7 +40,7 @@ from steelyard.identification.recursive.past import (
     Linear,
     Point,
     eliminated,
-    of_columns,
+    in_one,
     scaled,
     together,
 )
@@ -89,8 +89,8 @@ class Chunk:
         """Equations with the smoothness of the motion, over the columns that are estimated: most are
         not, and steps ask for none of these.
         """
-        own = [of_columns(each, self.use, len(self.border)) for each in self.rows]
-        return self._of(own, self.border[self.use])
+        own = in_one(self.rows, self.use, len(self.border))
+        return self._of([own], self.border[self.use])
 
     @cached_property
     def whole(self) -> Linear:
@@ -375,7 +375,8 @@ class Recursion:
         assert self.window is not None
         here, number = self, len(self.window.chunks)
         task, place = self.task, self.window.place(number)
-        column_of = TEN + np.arange(len(task.calibration_parameters), dtype=np.intp)
+        # The border is held.
+        column_of = np.full(len(task.calibration_parameters), -1, dtype=np.intp)
         wide = {
             each.source: _WIDE * self.state.factors.get(each.source, 1.0)
             for each in segment.readings
