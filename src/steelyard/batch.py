@@ -9,6 +9,7 @@ shared among threads; each sample is computed alike, whoever does it.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -35,6 +36,10 @@ _FEW = 128
 """Samples that are few."""
 _LONG = 4000
 """Operations of an expression from which on it is long."""
+_CALLS = 3
+"""Calls that are remembered: fit, verdict and conclusion look at one state in turn."""
+_KEPT = 1 << 19
+"""Numbers of a call that is remembered, at most."""
 _SAMPLES_A_THREAD = 32 * _BLOCK
 """A thread starts and ends in a millisecond or two where others compete; many calls are small."""
 _MOST_THREADS = 8
@@ -69,7 +74,10 @@ class Batched:
         self._single = ca.Function(name, list(flat.values()), [_row_major(r) for r in results])
         self._size = _BLOCK if self._single.n_instructions() < _LONG else _SMALL_BLOCK
         self._block = self._single.map(self._size)
-        self._idle: dict[int, list[_Block]] = {}
+        self._idle: dict[int, list[_BlockMemory]] = {}
+        self._lately: tuple[_Call, ...] = ()
+        shapes = (*self._in_shapes.values(), *self._out_shapes.values())
+        self._numbers = sum(math.prod(shape) for shape in shapes)
 
     @cached_property
     def _small(self) -> Symbol:
@@ -116,9 +124,26 @@ class Batched:
         if len(lengths) > 1:
             raise ValueError(f"expected equal numbers of samples, found {sorted(lengths)}")
         n = lengths.pop() if lengths else 1
+        given = list(values.values())
+        known = next((each for each in self._lately if each.is_of(given)), None)
+        if known is None:
+            found = self._computed(n, given)
+            if self._numbers * n <= _KEPT:
+                kept = _Call.of(given, found.values())
+                self._lately = (kept, *self._lately[: _CALLS - 1])
+            return found
+        return dict(zip(self._out_shapes, (each.copy() for each in known.outputs), strict=True))
+
+    def _computed(self, n: int, given: Sequence[Array]) -> dict[str, Array]:
+        """All outputs of n samples.
+
+        Args:
+            n: Samples.
+            given: Values of the inputs, with the sample axis or without.
+        """
         size, function = self._blocks_for(n)
         outputs = {key: np.empty((n, *shape)) for key, shape in self._out_shapes.items()}
-        given, found = list(values.values()), list(outputs.values())
+        found = list(outputs.values())
         blocks = -(-n // size)
         threads = min(_MOST_THREADS, n // _SAMPLES_A_THREAD)
         # Asking for the cores takes longer than a small call.
@@ -160,7 +185,9 @@ class Batched:
         try:
             block = idle.pop()
         except IndexError:
-            block = _Block.of(function, size, self._in_shapes.values(), self._out_shapes.values())
+            block = _BlockMemory.of(
+                function, size, self._in_shapes.values(), self._out_shapes.values()
+            )
         varying = [
             (own, value)
             for own, value in zip(block.inputs, values, strict=True)
@@ -183,7 +210,24 @@ class Batched:
 
 
 @dataclass(frozen=True, eq=False)
-class _Block:
+class _Call:
+    """What a function was asked lately, and what it said."""
+
+    inputs: tuple[Array, ...]
+    outputs: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, inputs: Iterable[Array], outputs: Iterable[Array]) -> _Call:
+        """Copies of both, which nobody changes."""
+        return cls(tuple(np.array(i) for i in inputs), tuple(np.array(o) for o in outputs))
+
+    def is_of(self, inputs: Sequence[Array]) -> bool:
+        """Whether it was asked the same."""
+        return all(map(np.array_equal, self.inputs, inputs))
+
+
+@dataclass(frozen=True, eq=False)
+class _BlockMemory:
     """Memory for the samples of one block, and the function that reads and fills it."""
 
     inputs: tuple[Array, ...]
@@ -200,7 +244,7 @@ class _Block:
         size: int,
         in_shapes: Iterable[tuple[int, ...]],
         out_shapes: Iterable[tuple[int, ...]],
-    ) -> _Block:
+    ) -> _BlockMemory:
         """For so many samples."""
         inputs = tuple(np.zeros((size, *shape)) for shape in in_shapes)
         outputs = tuple(np.zeros((size, *shape)) for shape in out_shapes)
