@@ -13,6 +13,7 @@ from scipy.stats import chi2, norm
 from simulated import EXACT, ROBOT
 
 from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.identification.banded import banded_product
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
 from steelyard.identification.model.motion_residuals import (
     PARTS,
@@ -27,7 +28,7 @@ from steelyard.identification.model.motion_residuals import (
     robust_weight,
 )
 from steelyard.identification.model.processes import Process, integrals_of
-from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations, banded_product
+from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations
 from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension
 from steelyard.smoothing import DEGREE, knots
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.estimates.quantiles import chi2_quantile
 from steelyard.experiment.model import Experiment
+from steelyard.identification.banded import banded_product
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationParameters,
@@ -33,7 +34,6 @@ from steelyard.identification.model.segment import (
     Rows,
     accumulate,
     at_rest,
-    banded_product,
     basis,
     motion_at,
     quadrature,

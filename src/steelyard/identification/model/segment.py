@@ -15,11 +15,17 @@ from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded
-from scipy.linalg.blas import dsbmv
-from scipy.linalg.lapack import dtbtrs, dtrtri
+from scipy.linalg import cholesky_banded
+from scipy.linalg.lapack import dtbtrs
 
 from steelyard.arrays import Array
+from steelyard.identification.banded import (
+    banded_product,
+    banded_trace,
+    banded_window,
+    selected_inverse,
+    solved,
+)
 from steelyard.smoothing import DEGREE
 
 POSE = 7
@@ -182,7 +188,7 @@ class NormalEquations:
 
     def solve(self, right: Array) -> Array:
         """Solve with the motion's matrix."""
-        return np.asarray(cho_solve_banded((self.factor, True), right, check_finite=False))
+        return solved(self.factor, right, self.block)
 
     @cached_property
     def followed(self) -> Array:
@@ -228,7 +234,7 @@ class NormalEquations:
 
         Formed by recursion over blocks of the factor [Takahashi1973]_: linear in the length.
         """
-        return _selected_inverse(self.factor, self.block)
+        return selected_inverse(self.factor, self.block)
 
     def spent(self) -> dict[Label, float]:
         """Label of rows -> degrees of freedom that the motion takes of them."""
@@ -262,77 +268,6 @@ def covariance_of(inverse: Array, rows: Array, first: NDArray[np.intp], block: i
         J = rows[own]
         found[own] = J @ banded_window(inverse, function * block, width) @ J.transpose(0, 2, 1)
     return found
-
-
-def banded_window(band: Array, start: int, width: int) -> Array:
-    """A square on the diagonal of a symmetric matrix in lower banded form, shape (width, width)."""
-    place = np.arange(width)
-    offset = np.abs(place[:, None] - place)
-    return np.asarray(band[offset, start + np.minimum(place[:, None], place)])
-
-
-def banded_product(band: Array, vector: Array) -> Array:
-    """Product of a symmetric matrix in lower banded form with a vector, shape (n,), or with columns,
-    shape (n, c).
-    """
-    # The routine takes no matrix that is narrower than its band.
-    inside = min(band.shape)
-    own = np.asarray(band[:inside], order="F", dtype=float)
-    columns = np.atleast_2d(vector.T)
-    product = [dsbmv(inside - 1, 1.0, own, each, lower=1) for each in columns]
-    return np.asarray(np.column_stack(product) if vector.ndim == 2 else product[0])
-
-
-def banded_trace(one: Array, other: Array) -> float:
-    """Trace of the product of two symmetric matrices in lower banded form, of the second as far as
-    the first reaches.
-    """
-    return float(2 * np.vdot(one, other) - np.vdot(one[0], other[0]))
-
-
-def _selected_inverse(factor: Array, of_function: int) -> Array:
-    """Parts of the inverse of a banded matrix within its own band, from its Cholesky factor, lower
-    banded form.
-    """
-    width, size = factor.shape
-    block = max(width - of_function, of_function)
-    count = -(-size // block)
-    padded, blocks = _blocks(width, block, count)
-    padded[:, :size] = factor
-    padded[0, size:] = 1.0
-    diagonal, below = np.tril(blocks[:-1, :block]), blocks[:-1, block:]
-    inverse = np.array([dtrtri(each, lower=True)[0] for each in diagonal])
-    own, step = inverse.transpose(0, 2, 1) @ inverse, below @ inverse
-    across = np.zeros((count, block, block))
-    for i in range(count - 2, -1, -1):
-        across[i] = -own[i + 1] @ step[i]
-        own[i] -= step[i].T @ across[i]
-    found, blocks = _blocks(width, block, count)
-    blocks[:-1, :block], blocks[:-1, block:] = own, across
-    # What lies below the matrix is nothing.
-    result = found[:, :size].copy()
-    for d in range(1, width):
-        result[d, size - d :] = 0.0
-    return result
-
-
-def _blocks(width: int, block: int, count: int) -> tuple[Array, Array]:
-    """A matrix of zeros in lower banded form, shape (width, (count + 1) block), and a view of the
-    columns of its blocks, each with the block below it, shape (count + 1, 2 block, block).
-
-    Entry (r, c) of a column of blocks stands in row r - c of the band; what is above the diagonal or
-    below the band goes to rows that are not returned.
-    """
-    columns = (count + 1) * block
-    rows = np.zeros((3 * block, columns))
-    band = rows[block : block + width]
-    row, column = rows.strides
-    view = np.lib.stride_tricks.as_strided(
-        rows[block:],
-        shape=(count + 1, 2 * block, block),
-        strides=(block * column, row, column - row),
-    )
-    return band, view
 
 
 _AT_ONCE = 512

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import plausible_radius
+from steelyard.identification.banded import banded_trace
 from steelyard.identification.known_body import plausible
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.motion_residuals import (
@@ -26,14 +27,7 @@ from steelyard.identification.model.motion_residuals import (
     motion_residuals,
 )
 from steelyard.identification.model.processes import SplineIntegrals, embedded
-from steelyard.identification.model.segment import (
-    POSE,
-    NormalEquations,
-    Rows,
-    banded_trace,
-    basis,
-    values_at,
-)
+from steelyard.identification.model.segment import POSE, NormalEquations, Rows, basis, values_at
 from steelyard.identification.recursive.grid import KnotGrid
 from steelyard.identification.recursive.levels import Liveliness
 from steelyard.identification.recursive.past import (
