@@ -28,7 +28,6 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
 )
 from steelyard.identification.model.motion_residuals import (
-    AT_ONCE,
     Segment,
     reference_clocks,
     time_of,
@@ -47,6 +46,8 @@ UNMODELLED_PARTS: Mapping[Source, slice] = {
     (ROBOT, "unmodelled torque"): slice(3, 6),
 }
 """Processes that are parts of it -> where they stand in a wrench."""
+_AT_ONCE = 4096
+"""Force readings whose rows are held at once: they depend on everything."""
 _LEFT_OUT = 1e2
 """1-sigma of a reading that is left out, in units of the largest reading: the balance goes on
 without it."""
@@ -95,8 +96,8 @@ class Forces:
 
     def parts(self) -> Iterator[Forces]:
         """The same, some samples at a time: rows take much memory."""
-        for start in range(0, len(self.time), AT_ONCE):
-            yield self.part(slice(start, start + AT_ONCE))
+        for start in range(0, len(self.time), _AT_ONCE):
+            yield self.part(slice(start, start + _AT_ONCE))
 
     def part(self, own: slice) -> Forces:
         """Some of its samples.

@@ -187,11 +187,12 @@ def whitened_balance(
     weight = segment.holds(at.time) * robust_weight(size, DIRECTIONS) * ~force_samples.touched
     tally_forces(tally, segment, force_samples, at, weight, size)
     root = np.sqrt(weight)
+    by_coefficients *= root[:, None, None]
     rows = Rows(
         local.first,
         root[:, None] * at.residual,
-        root[:, None, None] * by_coefficients,
-        root[:, None, None] * (at.whitener @ by_errors),
+        by_coefficients,
+        (root[:, None, None] * at.whitener) @ by_errors,
         columns,
         segment.label(force_samples.name, BALANCE),
     )

@@ -306,22 +306,22 @@ def accumulate(
     for part in rows:
         band = parts.setdefault(part.label, np.zeros((width, size)))
         columns = np.arange(border) if part.columns is None else part.columns
-        together = np.concatenate(
-            [part.by_motion, part.by_errors, part.residual[:, :, None]], axis=2
-        )
-        if len(part.first) and np.any(np.diff(part.first) < 0):
-            order = np.argsort(part.first, kind="stable")
-            together, first = together[order], part.first[order]
-        else:
-            first = part.first
+        first, order = part.first, None
+        if len(first) and np.any(np.diff(first) < 0):
+            order = np.argsort(first, kind="stable")
+            first = first[order]
         # Products over many columns are large: so many instants at once as fit into a bound.
-        at_once = int(np.clip(_NUMBERS // together.shape[2] ** 2, _FEW, _AT_ONCE))
+        at_once = int(np.clip(_NUMBERS // (width + len(columns) + 1) ** 2, _FEW, _AT_ONCE))
         for start in range(0, functions, at_once):
             span = slice(*np.searchsorted(first, [start, start + at_once]))
             if span.start == span.stop:
                 continue
             origin, last = int(first[span.start]), int(first[span.stop - 1])
-            products = _products(together[span], first[span] - origin, last - origin + 1)
+            own = span if order is None else order[span]
+            together = np.concatenate(
+                [part.by_motion[own], part.by_errors[own], part.residual[own, :, None]], axis=2
+            )
+            products = _products(together, first[span] - origin, last - origin + 1)
             _scatter(band, products, origin, block)
             count, reach = last - origin + 1, width // block
             across = np.zeros((count + reach - 1, block, len(columns) + 1))
@@ -329,8 +329,8 @@ def accumulate(
                 own = slice(function * block, (function + 1) * block)
                 across[function : function + count] += products[:, own, width:]
             target = slice(origin, last + reach)
-            own = slice(target.start * block, target.stop * block)
-            side[own, columns] += across.reshape(-1, len(columns) + 1)[:, :-1]
+            place = slice(target.start * block, target.stop * block)
+            side[place, columns] += across.reshape(-1, len(columns) + 1)[:, :-1]
             by_motion[target] -= across[:, :, -1]
             total = products[:, width:, width:].sum(axis=0)
             corner[np.ix_(columns, columns)] += total[:-1, :-1]
