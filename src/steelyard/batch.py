@@ -36,10 +36,9 @@ _FEW = 128
 """Samples that are few."""
 _LONG = 4000
 """Operations of an expression from which on it is long."""
-_CALLS = 3
-"""Calls that are remembered: fit, verdict and conclusion look at one state in turn."""
 _KEPT = 1 << 19
-"""Numbers of a call that is remembered, at most."""
+"""Numbers of the last call that are remembered, at most: fit, verdict and conclusion look at one
+state in turn."""
 _SAMPLES_A_THREAD = 32 * _BLOCK
 """A thread starts and ends in a millisecond or two where others compete; many calls are small."""
 _MOST_THREADS = 8
@@ -75,7 +74,7 @@ class Batched:
         self._size = _BLOCK if self._single.n_instructions() < _LONG else _SMALL_BLOCK
         self._block = self._single.map(self._size)
         self._idle: dict[int, list[_BlockMemory]] = {}
-        self._lately: tuple[_Call, ...] = ()
+        self._last: _Call | None = None
         shapes = (*self._in_shapes.values(), *self._out_shapes.values())
         self._numbers = sum(math.prod(shape) for shape in shapes)
 
@@ -125,14 +124,12 @@ class Batched:
             raise ValueError(f"expected equal numbers of samples, found {sorted(lengths)}")
         n = lengths.pop() if lengths else 1
         given = list(values.values())
-        known = next((each for each in self._lately if each.is_of(given)), None)
-        if known is None:
-            found = self._computed(n, given)
-            if self._numbers * n <= _KEPT:
-                kept = _Call.of(given, found.values())
-                self._lately = (kept, *self._lately[: _CALLS - 1])
-            return found
-        return dict(zip(self._out_shapes, (each.copy() for each in known.outputs), strict=True))
+        last = self._last
+        if last is not None and last.is_of(given):
+            return dict(zip(self._out_shapes, (each.copy() for each in last.outputs), strict=True))
+        found = self._computed(n, given)
+        self._last = _Call.of(given, found.values()) if self._numbers * n <= _KEPT else None
+        return found
 
     def _computed(self, n: int, given: Sequence[Array]) -> dict[str, Array]:
         """All outputs of n samples.
@@ -211,7 +208,7 @@ class Batched:
 
 @dataclass(frozen=True, eq=False)
 class _Call:
-    """What a function was asked lately, and what it said."""
+    """What a function was asked last, and what it said."""
 
     inputs: tuple[Array, ...]
     outputs: tuple[Array, ...]
