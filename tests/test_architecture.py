@@ -16,7 +16,7 @@ LAYERS = [
     {"batch", "processes"},
     {"tables"},
     {"rotations", "inertia"},
-    {"dynamics", "smoothing"},
+    {"dynamics", "smoothing", "spectra"},
     {"yaml_file"},
     {"json_file", "output"},
     {"logs"},

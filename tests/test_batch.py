@@ -104,6 +104,20 @@ def test_inputs_stay_as_they_are_and_outputs_are_ones_own():
         np.testing.assert_array_equal(value, before[key])
 
 
+@pytest.mark.parametrize("n", [1, 12, 300])
+def test_a_call_remembers_nothing_of_those_before(n):
+    given, used = numbers(n), products()
+    fresh = used(**given)
+    constant = {key: value[0] for key, value in numbers(5).items()}
+    used(**constant)
+    used(**numbers(290))
+    with pytest.raises(ValueError):
+        used(**numbers(n) | {"v": np.zeros((n, 2))})
+    used(**numbers(n - 1) if n > 1 else constant)
+    for key, values in used(**given).items():
+        np.testing.assert_array_equal(values, fresh[key])
+
+
 def test_the_function_of_one_sample_takes_and_gives_matrices_row_by_row():
     A, v, k = (value[0] for value in numbers(1).values())
     kA = products().function(A.ravel(), v, k)[1]

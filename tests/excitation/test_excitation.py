@@ -29,12 +29,13 @@ from steelyard.excitation.limits.motion_constraints import Margin, MotionConstra
 from steelyard.excitation.search.design_problem import DesignProblem
 from steelyard.excitation.settings import DEFAULT as SETTINGS
 from steelyard.experiment.model import Experiment
+from steelyard.identification.banded import banded_product
 from steelyard.identification.model.balance import Forces, balance_of
 from steelyard.identification.model.calibration_parameters import DRAG, CalibrationValues
 from steelyard.identification.model.calibration_parameters import ROBOT as FILE
 from steelyard.identification.model.force_residuals import force_residuals
 from steelyard.identification.model.motion_residuals import Tally, holding_rows
-from steelyard.identification.model.segment import POSE, accumulate, banded_product
+from steelyard.identification.model.segment import POSE, accumulate
 from steelyard.inertia import TEN, Inertia, body_jacobian
 from steelyard.instruments import Length, Wrench
 from steelyard.instruments.equations import linearised, predict

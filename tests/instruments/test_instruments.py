@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension, Wrench
 from steelyard.instruments.equations import (
+    follows_readings,
     linearised,
     means,
     order_of,
@@ -779,19 +780,16 @@ def test_what_is_found_follows_readings_and_errors_as_differences_say(case, stat
         return solve_for(unknown, instrument, robot, split, given, known)
 
     errors = np.concatenate(list(calibration.values()))
-    by_reading, by_errors, _ = sensitivity(
-        unknown,
-        instrument,
-        robot,
-        quantities,
-        {
-            key: getattr(state, key)
-            for key in ("tension", "wrench", "position", "rotation", "velocity", "omega")
-        },
-        calibration,
-    )
+    told = {
+        key: getattr(state, key)
+        for key in ("tension", "wrench", "position", "rotation", "velocity", "omega")
+    }
+    given = (unknown, instrument, robot, quantities, told, calibration)
+    by_reading, by_errors, _ = sensitivity(*given)
+    alone = follows_readings(*given)
     for derivative, expected in (
         (by_reading, differences_by(lambda values: found(values, errors), readings)),
+        (alone, differences_by(lambda values: found(values, errors), readings)),
         (by_errors, differences_by(lambda e: found(readings, e), errors)),
     ):
         whole = np.broadcast_to(derivative, (N, *derivative.shape[1:]))

@@ -22,9 +22,10 @@ from steelyard.calibration.first_poses import UPRIGHT
 from steelyard.calibration.fit import GeometryFit
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
+from steelyard.identification.banded import banded_window
 from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.motion_residuals import Segment
-from steelyard.identification.model.segment import POSE, banded_window
+from steelyard.identification.model.segment import POSE
 from steelyard.instruments.base import FrameForm
 from steelyard.instruments.equations import solve_for
 

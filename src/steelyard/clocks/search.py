@@ -15,6 +15,7 @@ from steelyard.arrays import Array
 from steelyard.clocks.clock_signals import ClockSignals, LogClock, Signal
 from steelyard.clocks.relations import relations
 from steelyard.clocks.settings import SEARCH, SearchSettings
+from steelyard.spectra import convolved
 
 _TINY = 1e-300
 """Keeps quotients finite where all readings are zero."""
@@ -173,10 +174,7 @@ def _residual_variances(
         """Sum of first[i] second[i + lag] for all lags, for columns side by side, shape (lags,
         k).
         """
-        from scipy.signal import fftconvolve
-
-        found: Array = fftconvolve(second, first[::-1], axes=0)
-        return found
+        return convolved(second, first[::-1])
 
     count: Array = np.maximum(over(a, b)[:, 0], 0.0)
     some: Array = np.asarray(np.maximum(count, 1.0))[:, None]

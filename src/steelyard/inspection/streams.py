@@ -15,6 +15,7 @@ from steelyard.experiment.faults.of_streams import Timing, faults_of, timing
 from steelyard.experiment.model import Experiment, Fault, Run, Stream
 from steelyard.inspection.settings import STREAMS, StreamSettings
 from steelyard.instruments import Instrument, Quantity
+from steelyard.spectra import density
 
 _THIRD = float(np.sqrt(20.0))
 """1-sigma of third differences of white noise of 1-sigma one."""
@@ -193,8 +194,6 @@ def _sigma(third: Array) -> Array:
 
 def _spectrum(time: Array, flat: Array, settings: StreamSettings) -> tuple[Array, Array]:
     """Amplitude density on an even grid [Hz], unit per root of Hz."""
-    from scipy.signal import welch
-
     complete = np.isfinite(flat).all(axis=1)
     time, flat = time[complete], flat[complete]
     step = float(np.median(np.diff(time))) if len(time) >= 64 else 0.0
@@ -202,9 +201,7 @@ def _spectrum(time: Array, flat: Array, settings: StreamSettings) -> tuple[Array
         return np.zeros(0), np.zeros(0)
     grid = time[0] + step * np.arange(min(len(time), settings.most))
     even = np.column_stack([np.interp(grid, time, column) for column in flat.T])
-    frequency, power = welch(
-        even, 1 / step, nperseg=min(settings.segment, len(grid)), axis=0, detrend="linear"
-    )
+    frequency, power = density(even, step, min(settings.segment, len(grid)), trend=True)
     return frequency, np.sqrt(power.mean(axis=1))
 
 

@@ -4,7 +4,7 @@ linear in what is sought.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 
@@ -358,6 +358,11 @@ def difference_of(
     )
 
 
+def without_effect(instrument: Instrument, quantity: str, robot: Robot) -> Collection[str]:
+    """Names of the derivatives of :func:`linearised` that are zero whatever the motion."""
+    return difference_of(instrument, quantity, robot)[1].keys()
+
+
 def linearised(
     instrument: Instrument,
     quantity: str,
@@ -541,3 +546,34 @@ def sensitivity(
     }
     values = batched(**errors, **{name: state[name] for name in inputs if name in _FIELDS})
     return values["by_reading"], values["by_terms"], values.get("by_rolling")
+
+
+@lru_cache(maxsize=64)
+def _follows_readings(
+    unknown: str,
+    instrument: Instrument,
+    robot: Robot,
+    quantities: tuple[str, ...],
+    remembered: bool = False,
+) -> _Expression:
+    """Expression behind :func:`follows_readings`."""
+    state = symbols(robot.m, remembered=remembered)
+    predicted, terms = _predicted(instrument, robot, quantities, state)
+    inverse = ca.inv(ca.jacobian(predicted, ca.vec(getattr(state, unknown))))
+    return _expression(inverse, state, terms)
+
+
+def follows_readings(
+    unknown: str,
+    instrument: Instrument,
+    robot: Robot,
+    quantities: tuple[str, ...],
+    state: Mapping[str, Array],
+    calibration: Mapping[str, Array],
+) -> Array:
+    """How what :func:`solve_for` gives follows the readings alone, shape (n, k, k), or (1, k, k) where
+    it is the same for all samples; arguments as of :func:`sensitivity`.
+    """
+    form = _follows_readings(unknown, instrument, robot, quantities, "rolling" in state)
+    terms = {f"term_{key}": value for key, value in calibration.items()}
+    return form.evaluate({**terms, **state})

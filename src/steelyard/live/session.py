@@ -199,7 +199,7 @@ class Session:
         instant = following.instants[-1]
         if instant.time - found.judged >= found.settings.judged:
             # Of a copy: the motion goes on.
-            estimate = _estimate(following.ended())
+            estimate = _estimate(following.ended(), courses=False)
             found = replace(found, judged=instant.time, estimate=estimate)
         verdict = None if found.estimate is None else found.estimate.verdict
         force = following.like.forces.name
@@ -234,10 +234,10 @@ class Session:
         return replace(self, buffer=self.buffer.since(times))
 
 
-def _estimate(following: Following) -> Estimate:
-    """From all that was seen."""
+def _estimate(following: Following, *, courses: bool = True) -> Estimate:
+    """From all that was seen; without the courses of the motions where only the verdict counts."""
     try:
-        return drawn(Recursive().of, following.posterior)
+        return drawn(Recursive().of, following.concluded(courses=courses))
     except (NoBalanceError, np.linalg.LinAlgError) as error:
         return no_estimate(Recursive.name, str(error))
 

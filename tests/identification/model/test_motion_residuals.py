@@ -13,6 +13,7 @@ from scipy.stats import chi2, norm
 from simulated import EXACT, ROBOT
 
 from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.identification.banded import banded_product
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
 from steelyard.identification.model.motion_residuals import (
     PARTS,
@@ -22,11 +23,12 @@ from steelyard.identification.model.motion_residuals import (
     Tally,
     jerk_matrices,
     limit,
+    median,
     motion_residuals,
     robust_weight,
 )
 from steelyard.identification.model.processes import Process, integrals_of
-from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations, banded_product
+from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations
 from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension
 from steelyard.smoothing import DEGREE, knots
 
@@ -584,6 +586,13 @@ def test_where_most_stand_far_none_is_the_exception(rng):
     tally.add(ATTITUDE, size, robust_weight(size, 3), 3)
     assert tally.far[ATTITUDE] <= 1
     assert tally.square[ATTITUDE] / tally.count[ATTITUDE] == pytest.approx(100, rel=0.1)
+
+
+@pytest.mark.parametrize("n", [1, 2, 7, 12])
+def test_a_median_of_few_is_that_of_many_axes(n, rng):
+    values = rng.normal(size=(n, 3))
+    assert median(values) == np.median(values)
+    assert median(values[:, :1]) == np.median(values[:, 0])
 
 
 def test_numbers_without_weight_are_not_counted():

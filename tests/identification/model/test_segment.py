@@ -4,15 +4,15 @@ matrices."""
 import numpy as np
 import pytest
 from scipy.interpolate import BSpline
+from scipy.linalg import cholesky_banded
 
+from steelyard.identification.banded import banded_product, banded_trace, solved
 from steelyard.identification.model.segment import (
     POSE,
     WIDTH,
     Rows,
     accumulate,
     at_rest,
-    banded_product,
-    banded_trace,
     basis,
     motion_at,
     spread,
@@ -404,6 +404,25 @@ def test_a_banded_trace_is_that_of_the_dense_product(rng, size, width):
     assert found == pytest.approx(
         np.trace(one @ full), rel=ROUNDING, abs=ROUNDING * np.abs(one).max()
     )
+
+
+@pytest.mark.parametrize("columns", [1, 15, 16, 64, 150])
+@pytest.mark.parametrize("functions", [1, 5, 6, 23])
+@pytest.mark.parametrize("block", [1, 7, 9])
+def test_a_solution_with_a_banded_matrix_is_the_dense_one(rng, block, functions, columns):
+    # Functions of a spline overlap with the five before and after.
+    size, width = functions * block, block * (DEGREE + 1)
+    function = np.arange(size) // block
+    near = np.abs(function[:, None] - function) <= DEGREE
+    root = np.where(near, rng.normal(size=(size, size)), 0.0)
+    dense = np.where(near, root @ root.T, 0.0) + 40 * width * np.eye(size)
+    factor = cholesky_banded(in_band(dense, width), lower=True)
+    right = rng.normal(size=(size, columns))
+    before = right.copy()
+    found = solved(factor, right, block)
+    np.testing.assert_allclose(found, np.linalg.solve(dense, right), rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(solved(factor, right[:, 0], block), found[:, 0], rtol=1e-10)
+    np.testing.assert_array_equal(right, before)
 
 
 def test_a_pose_at_rest_is_its_own_coefficients(rng):

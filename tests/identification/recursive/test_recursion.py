@@ -10,12 +10,12 @@ from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
 from steelyard.identification.model.motion_residuals import Segment
 from steelyard.identification.model.processes import integrals_of
-from steelyard.identification.model.segment import NormalEquations, Rows
+from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations, Rows, accumulate
 from steelyard.identification.recursive.events import advanced
 from steelyard.identification.recursive.follow import begin, follow
 from steelyard.identification.recursive.grid import KnotGrid
 from steelyard.identification.recursive.parts import with_further
-from steelyard.identification.recursive.past import Linear, Point, eliminated, of_columns, together
+from steelyard.identification.recursive.past import Linear, Point, eliminated, in_one, together
 from steelyard.identification.recursive.settings import RECURSIVE
 from steelyard.identification.solve.segment_equations import segment_equations
 from steelyard.smoothing import DEGREE
@@ -98,23 +98,40 @@ def test_equations_over_some_columns_are_those_where_the_others_stay():
     assert found.side == pytest.approx(normal[:size, size + use])
 
 
-@pytest.mark.parametrize("columns", [None, np.array([4, 1, 0])])
-def test_rows_over_some_columns_have_the_derivatives_by_these(columns):
+def test_rows_in_one_make_the_equations_of_all_over_some_columns():
     rng = np.random.default_rng(5)
-    count = 5 if columns is None else len(columns)
-    rows = Rows(
-        np.zeros(3, dtype=int),
-        rng.normal(size=(3, 2)),
-        rng.normal(size=(3, 2, 6)),
-        rng.normal(size=(3, 2, count)),
-        columns,
-    )
-    use = np.array([1, 3, 4])
-    found = of_columns(rows, use, 5)
-    whole, narrow = np.zeros((3, 2, 5)), np.zeros((3, 2, 3))
-    whole[:, :, np.arange(5) if columns is None else columns] = rows.by_errors
-    narrow[:, :, found.columns] = found.by_errors
-    assert narrow == pytest.approx(whole[:, :, use])
+    functions, border, use = 9, 5, np.array([1, 3, 4])
+
+    def rows(n, k, columns):
+        first = rng.integers(0, functions - DEGREE, n)  # in any order
+        size = border if columns is None else len(columns)
+        derivatives = rng.normal(size=(n, k, WIDTH)), rng.normal(size=(n, k, size))
+        return Rows(first, rng.normal(size=(n, k)), *derivatives, columns)
+
+    parts = [rows(40, 3, None), rows(0, 2, None), rows(25, 2, np.array([4, 1, 0])),
+             rows(7, 1, np.zeros(0, dtype=int))]  # fmt: skip
+    found = accumulate(functions, len(use), [in_one(parts, use, border)])
+    # Row by row, densely.
+    size = functions * POSE
+    lines = []
+    for part in parts:
+        columns = np.arange(border) if part.columns is None else part.columns
+        for sample, first in enumerate(part.first):
+            for row in range(part.residual.shape[1]):
+                line = np.zeros(size + border + 1)
+                line[first * POSE : first * POSE + WIDTH] = part.by_motion[sample, row]
+                line[size + columns] = part.by_errors[sample, row]
+                line[-1] = part.residual[sample, row]
+                lines.append(line)
+    normal = np.transpose(lines) @ np.array(lines)
+    kept = size + use
+    assert found.corner == pytest.approx(normal[np.ix_(kept, kept)], rel=1e-12, abs=1e-12)
+    assert found.side == pytest.approx(normal[:size, kept], rel=1e-12, abs=1e-12)
+    assert found.motion_gradient == pytest.approx(-normal[:size, -1], rel=1e-12, abs=1e-12)
+    assert found.border_gradient == pytest.approx(-normal[kept, -1], rel=1e-12, abs=1e-12)
+    for d in range(WIDTH):
+        own = np.diagonal(normal[:size, :size], -d)
+        assert found.band[d, : size - d] == pytest.approx(own, rel=1e-12, abs=1e-12)
 
 
 def test_chunks_placed_one_after_the_other_are_the_whole():
@@ -232,7 +249,11 @@ def test_parts_that_are_summed_up_tell_the_same(points):
     *_, found = follow(points)
     few = found.summed(4)
     assert len(few.parts) == 5
-    one, other = found.posterior.solution, few.posterior.solution
+    # For a verdict nobody draws the course of the motion.
+    posterior, judged = found.posterior, few.concluded(courses=False)
+    assert posterior.motion
+    assert not judged.motion
+    one, other = posterior.solution, judged.solution
     assert other.value == pytest.approx(one.value, rel=1e-6, abs=1e-9)
     assert np.diag(other.covariance) == pytest.approx(np.diag(one.covariance), rel=1e-6)
 

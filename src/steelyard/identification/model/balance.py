@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,6 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
 )
 from steelyard.identification.model.motion_residuals import (
-    AT_ONCE,
     Segment,
     reference_clocks,
     time_of,
@@ -36,7 +35,7 @@ from steelyard.identification.model.motion_residuals import (
 from steelyard.identification.model.segment import Basis, motion_at
 from steelyard.identification.model.sources import Source
 from steelyard.inertia import TEN
-from steelyard.instruments.equations import sensitivity, solve_for
+from steelyard.instruments.equations import follows_readings, solve_for
 from steelyard.instruments.tension import PRESLIDING, rolled_along
 from steelyard.robot.model import DIRECTIONS
 
@@ -47,6 +46,8 @@ UNMODELLED_PARTS: Mapping[Source, slice] = {
     (ROBOT, "unmodelled torque"): slice(3, 6),
 }
 """Processes that are parts of it -> where they stand in a wrench."""
+_AT_ONCE = 4096
+"""Force readings whose rows are held at once: they depend on everything."""
 _LEFT_OUT = 1e2
 """1-sigma of a reading that is left out, in units of the largest reading: the balance goes on
 without it."""
@@ -95,8 +96,8 @@ class Forces:
 
     def parts(self) -> Iterator[Forces]:
         """The same, some samples at a time: rows take much memory."""
-        for start in range(0, len(self.time), AT_ONCE):
-            yield self.part(slice(start, start + AT_ONCE))
+        for start in range(0, len(self.time), _AT_ONCE):
+            yield self.part(slice(start, start + _AT_ONCE))
 
     def part(self, own: slice) -> Forces:
         """Some of its samples.
@@ -319,9 +320,53 @@ def balance_of(
             there are several, shape (10,).
         factors: Quantity -> by how much its noise exceeds what the readings say.
     """
+    moving = moving_at(experiment, segment, force_samples, calibration, parameters)
+    return balance_at(moving, experiment, segment, force_samples, calibration, factors)
+
+
+class MovingAt(NamedTuple):
+    """The moving body at the times of force readings."""
+
+    times: Array
+    """Within the segment [s], of poses at rest their numbers, shape (n,)."""
+    local: Basis
+    """Spline functions there."""
+    inputs: dict[str, Array | float]
+    """See :func:`moving_body`."""
+
+
+def moving_at(
+    experiment: Experiment,
+    segment: Segment,
+    force_samples: Forces,
+    calibration: CalibrationValues,
+    parameters: Array,
+) -> MovingAt:
+    """The moving body at the times of force readings; arguments as of :func:`balance_of`."""
     times = balance_times(experiment, segment, force_samples, calibration)
     local = segment.basis(times)
-    inputs = moving_body(segment, local, calibration, parameters)
+    return MovingAt(times, local, moving_body(segment, local, calibration, parameters))
+
+
+def balance_at(
+    moving: MovingAt,
+    experiment: Experiment,
+    segment: Segment,
+    force_samples: Forces,
+    calibration: CalibrationValues,
+    factors: Mapping[Source, float],
+) -> Balance:
+    """Forces against a moving body.
+
+    Args:
+        moving: The body.
+        experiment: With robot and instruments.
+        segment: With its motion.
+        force_samples: Force readings within it.
+        calibration: Present values of the systematic errors.
+        factors: Quantity -> by how much its noise exceeds what the readings say.
+    """
+    times, local, inputs = moving
     hoses = len(experiment.surroundings.attached)
     motion = motion_and_wrench(experiment.robot, hoses)(**inputs)
     needed = motion.pop("wrench")
@@ -425,17 +470,8 @@ def _measured(
     if unknown == "tension":
         structure = structure_matrices(robot, calibration, position, rotation, values)
     state = {**motion, unknown: values}
-    count = len(values)
-    by_reading = []
-    # All derivatives by systematic errors, of which none is looked at, take much memory.
-    for start in range(0, max(count, 1), AT_ONCE):
-        own = {
-            name: each[start : start + AT_ONCE] if len(each) == count else each
-            for name, each in state.items()
-        }
-        found, *_ = sensitivity(unknown, instrument, robot, tuple(readings), own, errors)
-        by_reading.append(found)
-    return MeasuredForce(values, np.concatenate(by_reading), structure)
+    by_reading = follows_readings(unknown, instrument, robot, tuple(readings), state, errors)
+    return MeasuredForce(values, by_reading, structure)
 
 
 def undisturbed(segment: Segment, force_samples: Forces, local: Basis) -> Forces:

@@ -182,6 +182,27 @@ class CalibrationParameters:
         places, run = self.places, self.continued.get(run, run)
         return places[owner, key, run] if (owner, key, run) in places else places[owner, key, None]
 
+    @cached_property
+    def _found(self) -> dict[tuple[str, str], tuple[Instrument, Mapping[str, slice]]]:
+        """Instrument and run -> what :meth:`places_of` has said of them."""
+        return {}
+
+    def places_of(self, name: str, instrument: Instrument, run: str) -> Mapping[str, slice]:
+        """Key of each of an instrument's terms -> where it stands as it acts in a run, in their order.
+
+        Args:
+            name: Of the instrument.
+            instrument: Itself.
+            run: Name of the run.
+        """
+        # Asked for at every linearisation, and longer to say than to use.
+        known = self._found.get((name, run))
+        if known is not None and known[0] is instrument:
+            return known[1]
+        found = {term.key: self.place(name, term.key, run) for term in instrument.terms(self.m)}
+        self._found[name, run] = instrument, found
+        return found
+
     def place_of_load(self, run: str) -> slice | None:
         """Where it stands by how much the body of a run differs from the first load; None: it is the
         first load.
@@ -294,10 +315,8 @@ class CalibrationValues:
 
     def of(self, name: str, instrument: Instrument, run: str) -> dict[str, Array]:
         """Values of an instrument's terms in a run."""
-        return {
-            term.key: self.values[self.calibration_parameters.place(name, term.key, run)]
-            for term in instrument.terms(self.calibration_parameters.m)
-        }
+        places = self.calibration_parameters.places_of(name, instrument, run)
+        return {key: self.values[place] for key, place in places.items()}
 
     def body(self, first: Array, run: str) -> Array:
         """The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS` of what a run carried, shape (10,).

@@ -22,9 +22,9 @@ from steelyard.identification.model.balance import (
     UNMODELLED_PARTS,
     Balance,
     Forces,
-    balance_of,
+    balance_at,
     balance_times,
-    moving_body,
+    moving_at,
     unmodelled_processes,
 )
 from steelyard.identification.model.balance_equations import derivatives_of_balance
@@ -43,6 +43,7 @@ from steelyard.identification.model.motion_residuals import (
     Segment,
     Tally,
     limit,
+    median,
     rate_along,
     reference_clocks,
     robust_weight,
@@ -186,11 +187,12 @@ def whitened_balance(
     weight = segment.holds(at.time) * robust_weight(size, DIRECTIONS) * ~force_samples.touched
     tally_forces(tally, segment, force_samples, at, weight, size)
     root = np.sqrt(weight)
+    by_coefficients *= root[:, None, None]
     rows = Rows(
         local.first,
         root[:, None] * at.residual,
-        root[:, None, None] * by_coefficients,
-        root[:, None, None] * (at.whitener @ by_errors),
+        by_coefficients,
+        (root[:, None, None] * at.whitener) @ by_errors,
         columns,
         segment.label(force_samples.name, BALANCE),
     )
@@ -208,9 +210,8 @@ def _point_of(
     factors: Mapping[Source, float],
 ) -> _BalancePoint:
     """The balance linearised about where everything stands."""
-    at = balance_of(experiment, segment, force_samples, calibration, parameters, factors)
-    local = segment.basis(at.time)
-    inputs = moving_body(segment, local, calibration, parameters)
+    moving = moving_at(experiment, segment, force_samples, calibration, parameters)
+    at = balance_at(moving, experiment, segment, force_samples, calibration, factors)
     cables = {} if at.structure is None else {"tension": at.carried, **calibration.geometry}
     return _BalancePoint(
         experiment,
@@ -218,10 +219,10 @@ def _point_of(
         force_samples,
         calibration,
         at,
-        local,
-        motion_at(local, segment.coefficients),
+        moving.local,
+        motion_at(moving.local, segment.coefficients),
         derivatives_of_balance(experiment.robot, len(experiment.surroundings.attached))(
-            **inputs, **cables
+            **moving.inputs, **cables
         ),
     )
 
@@ -456,10 +457,10 @@ def _terms_of_readings(point: _BalancePoint, values: Array) -> _ByParameters:
     )
     by_terms = np.broadcast_to(by_terms, (len(at.time), *by_terms.shape[1:]))
     column = 0
-    for term in instrument.terms(robot.m):
-        own = by_terms[:, :, column : column + term.size]
-        yield parameters.place(name, term.key, run), own
-        column += term.size
+    for place in parameters.places_of(name, instrument, run).values():
+        size = place.stop - place.start
+        yield place, by_terms[:, :, column : column + size]
+        column += size
     if by_rolling is None or point.segment.static:
         return
     travel = float(np.squeeze(point.errors[PRESLIDING]))
@@ -518,8 +519,9 @@ def _by_moving(point: _BalancePoint, by: tuple[Array, Array, Array]) -> _ByParam
     if clock != origin:
         yield clock, by_delay
         yield origin, -by_delay
-    if any(term.key == TIME_CONSTANT for term in point.instrument.terms(point.experiment.robot.m)):
-        yield parameters.place(name, TIME_CONSTANT, segment.run), by_delay
+    places = parameters.places_of(name, point.instrument, segment.run)
+    if TIME_CONSTANT in places:
+        yield places[TIME_CONSTANT], by_delay
     yield parameters.places[ROBOT, DRAG, None], point.derivatives["by_drag"][:, :, None]
 
 
@@ -565,7 +567,7 @@ def tally_forces(
     """Count the corrections of the readings and of the unmodelled wrench, quantity by quantity."""
     used_at_all = weight > 0
     usual = (
-        float(np.median(size[used_at_all])) / np.sqrt(chi2_quantile(0.5, 6))
+        median(size[used_at_all]) / np.sqrt(chi2_quantile(0.5, DIRECTIONS))
         if used_at_all.any()
         else 1.0
     )

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.estimates.quantiles import chi2_quantile, chi2_tail, poisson_tail
 from steelyard.experiment.model import Experiment
+from steelyard.identification.banded import banded_product
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationParameters,
@@ -33,7 +34,6 @@ from steelyard.identification.model.segment import (
     Rows,
     accumulate,
     at_rest,
-    banded_product,
     basis,
     motion_at,
     quadrature,
@@ -42,7 +42,7 @@ from steelyard.identification.model.segment import (
 )
 from steelyard.identification.model.sources import Source
 from steelyard.instruments.base import TIME_CONSTANT
-from steelyard.instruments.equations import linearised
+from steelyard.instruments.equations import linearised, without_effect
 from steelyard.smoothing import DEGREE
 
 PARTS = {"position": slice(0, 3), "rotation": slice(3, POSE)}
@@ -358,7 +358,7 @@ class Tally:
             each: Numbers in each.
         """
         # Where most are large, none is the exception.
-        usual = float(np.median(size)) / _usual(each) if size.size else 1.0
+        usual = median(size) / _usual(each) if size.size else 1.0
         near = (weight > 0) & (size <= limit(each) * max(1.0, usual))
         self.square[label] = self.square.get(label, 0.0) + float(np.sum(size[near] ** 2))
         self.count[label] = self.count.get(label, 0.0) + each * int(np.sum(near))
@@ -372,6 +372,16 @@ class Tally:
         )
         # Of weights c / size: 2 c size - c^2 beyond c.
         self.cost += float(np.sum(size**2 * weight * (2 - weight)))
+
+
+def median(values: Array) -> float:
+    """Of all numbers, of which there must be one; of few it is found sooner than by NumPy's, which is
+    made for many axes.
+    """
+    flat = values.ravel()
+    middle = (flat.size - 1) // 2, flat.size // 2
+    parted = np.partition(flat, middle)
+    return float((parted[middle[0]] + parted[middle[1]]) / 2)
 
 
 @cache
@@ -414,6 +424,7 @@ def motion_residuals(
     """
     calibration_parameters = calibration.calibration_parameters
     references = reference_clocks(experiment, calibration_parameters, segment)
+    seen = Seen()
     for reading in segment.readings:
         for start in range(0, len(reading.time), AT_ONCE):
             yield _of_reading(
@@ -427,6 +438,7 @@ def motion_residuals(
                 factors,
                 tally,
                 carried,
+                seen,
             )
     held = holding_rows(segment)
     tally.cost += float(np.sum(held.residual**2))
@@ -508,6 +520,29 @@ class Border:
         return np.add.reduceat(values[:, :, order], begins, axis=2), unique
 
 
+class Seen:
+    """The motion of a segment at the times at which it was looked at last: the quantities of one
+    instrument are read together.
+    """
+
+    def __init__(self) -> None:
+        self._segment: Segment | None = None
+        self._times = np.empty(0)
+
+    def at(self, segment: Segment, times: Array) -> tuple[Basis, tuple[Array, Array, Array, Array]]:
+        """Spline functions at times, and the motion there; see :func:`.motion_at`.
+
+        Args:
+            segment: With its motion.
+            times: Within it [s], shape (n,).
+        """
+        if self._segment is not segment or not np.array_equal(self._times, times):
+            self._segment, self._times = segment, times
+            self._local = segment.basis(times)
+            self._motion = motion_at(self._local, segment.coefficients)
+        return self._local, self._motion
+
+
 def looked_at(
     experiment: Experiment,
     segment: Segment,
@@ -516,6 +551,7 @@ def looked_at(
     calibration: CalibrationValues,
     references: Mapping[str, str],
     carried: Carried | None = None,
+    seen: Seen | None = None,
 ) -> tuple[Array, Basis, tuple[Array, Array, Array, Array], Mapping[str, Array]]:
     """Readings against the motion: their times within the segment [s], the spline there, the motion,
     and the linearised difference.
@@ -530,14 +566,14 @@ def looked_at(
         calibration: Present values of the systematic errors.
         references: See :func:`reference_clocks`.
         carried: See :func:`motion_residuals`.
+        seen: The motion where the readings before were looked at; is changed.
     """
     name, quantity = reading.source
     instrument = experiment.instruments[name]
     times = reading.time[part]
     if not segment.static:
         times, *_ = time_of(experiment, segment, calibration, references, name, times)
-    local = segment.basis(times)
-    motion = motion_at(local, segment.coefficients)
+    local, motion = (Seen() if seen is None else seen).at(segment, times)
     errors = list(calibration.of(name, instrument, segment.run).values())
     tension = None if reading.tension is None else reading.tension[part]
     if carried is not None and reading.follows:
@@ -578,6 +614,7 @@ def _of_reading(
     factors: Mapping[Source, float],
     tally: Tally,
     carried: Carried | None,
+    seen: Seen,
 ) -> Rows:
     """Whitened rows of some samples of one quantity."""
     calibration_parameters = calibration.calibration_parameters
@@ -591,12 +628,12 @@ def _of_reading(
     if carried is not None and reading.follows:
         followed = _CorrectedTensions(carried, sigma)
     times, local, motion, linear = looked_at(
-        experiment, segment, reading, part, calibration, references, followed
+        experiment, segment, reading, part, calibration, references, followed, seen
     )
     if followed is not None and followed.correct(linear):
         # Linearised about tensions that go with the lengths, as the forces are about theirs.
         *_, linear = looked_at(
-            experiment, segment, reading, part, calibration, references, followed
+            experiment, segment, reading, part, calibration, references, followed, seen
         )
         linear = followed.as_carried(linear)
     by = (linear["by_pose"], linear["by_rate"], linear["by_acceleration"])
@@ -621,13 +658,14 @@ def _of_reading(
         border.extend(tensions.columns, slope @ tensions.by_border)
         sigma = followed.deviation(slope)
         residual = np.where(there, found, 0.0) / sigma
+    nothing = without_effect(instrument, reading.source[1], experiment.robot)
     column = 0
-    for term in instrument.terms(calibration_parameters.m):
-        border.put(
-            calibration_parameters.place(name, term.key, segment.run),
-            linear["by_errors"][:, :, column : column + term.size],
-        )
-        column += term.size
+    if "by_errors" not in nothing:
+        places = calibration_parameters.places_of(name, instrument, segment.run)
+        for place in places.values():
+            size = place.stop - place.start
+            border.put(place, linear["by_errors"][:, :, column : column + size])
+            column += size
     own = clock_of(experiment, name)
     if not segment.static and (reference := references.get(own, own)) != own:
         clock, origin = (
@@ -644,7 +682,8 @@ def _of_reading(
         ("anchor", "by_anchors"),
         ("attachment", "by_attachments"),
     ):
-        border.put(calibration_parameters.places[ROBOT, key, None], linear[derivative])
+        if derivative not in nothing:
+            border.put(calibration_parameters.places[ROBOT, key, None], linear[derivative])
     by_errors, columns = border.collected()
     # A clock that has moved may carry samples out of the segment.
     inside = there if segment.static else there & segment.holds(times)[:, None]

@@ -15,8 +15,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 from steelyard.arrays import Array
+from steelyard.identification.banded import banded_trace
 from steelyard.identification.model.motion_residuals import Segment
-from steelyard.identification.model.segment import NormalEquations, banded_trace
+from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.model.sources import Source
 

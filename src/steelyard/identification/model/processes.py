@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded
 
 from steelyard.arrays import Array
-from steelyard.identification.model.segment import POSE, banded_product, basis, quadrature
+from steelyard.identification.banded import banded_product
+from steelyard.identification.model.segment import POSE, basis, quadrature
 from steelyard.identification.model.sources import Source
 from steelyard.instruments.noise import Cause, Disturbance
 from steelyard.smoothing import DEGREE

@@ -11,15 +11,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, reduce
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded
-from scipy.linalg.blas import dsbmv
-from scipy.linalg.lapack import dtbtrs, dtrtri
+from scipy.linalg import cholesky_banded
+from scipy.linalg.lapack import dtbtrs
 
 from steelyard.arrays import Array
+from steelyard.identification.banded import (
+    banded_product,
+    banded_trace,
+    banded_window,
+    selected_inverse,
+    solved,
+)
 from steelyard.smoothing import DEGREE
 
 POSE = 7
@@ -182,7 +188,7 @@ class NormalEquations:
 
     def solve(self, right: Array) -> Array:
         """Solve with the motion's matrix."""
-        return np.asarray(cho_solve_banded((self.factor, True), right, check_finite=False))
+        return solved(self.factor, right, self.block)
 
     @cached_property
     def followed(self) -> Array:
@@ -228,7 +234,7 @@ class NormalEquations:
 
         Formed by recursion over blocks of the factor [Takahashi1973]_: linear in the length.
         """
-        return _selected_inverse(self.factor, self.block)
+        return selected_inverse(self.factor, self.block)
 
     def spent(self) -> dict[Label, float]:
         """Label of rows -> degrees of freedom that the motion takes of them."""
@@ -264,77 +270,6 @@ def covariance_of(inverse: Array, rows: Array, first: NDArray[np.intp], block: i
     return found
 
 
-def banded_window(band: Array, start: int, width: int) -> Array:
-    """A square on the diagonal of a symmetric matrix in lower banded form, shape (width, width)."""
-    place = np.arange(width)
-    offset = np.abs(place[:, None] - place)
-    return np.asarray(band[offset, start + np.minimum(place[:, None], place)])
-
-
-def banded_product(band: Array, vector: Array) -> Array:
-    """Product of a symmetric matrix in lower banded form with a vector, shape (n,), or with columns,
-    shape (n, c).
-    """
-    # The routine takes no matrix that is narrower than its band.
-    inside = min(band.shape)
-    own = np.asarray(band[:inside], order="F", dtype=float)
-    columns = np.atleast_2d(vector.T)
-    product = [dsbmv(inside - 1, 1.0, own, each, lower=1) for each in columns]
-    return np.asarray(np.column_stack(product) if vector.ndim == 2 else product[0])
-
-
-def banded_trace(one: Array, other: Array) -> float:
-    """Trace of the product of two symmetric matrices in lower banded form, of the second as far as
-    the first reaches.
-    """
-    return float(2 * np.vdot(one, other) - np.vdot(one[0], other[0]))
-
-
-def _selected_inverse(factor: Array, of_function: int) -> Array:
-    """Parts of the inverse of a banded matrix within its own band, from its Cholesky factor, lower
-    banded form.
-    """
-    width, size = factor.shape
-    block = max(width - of_function, of_function)
-    count = -(-size // block)
-    padded, blocks = _blocks(width, block, count)
-    padded[:, :size] = factor
-    padded[0, size:] = 1.0
-    diagonal, below = np.tril(blocks[:-1, :block]), blocks[:-1, block:]
-    inverse = np.array([dtrtri(each, lower=True)[0] for each in diagonal])
-    own, step = inverse.transpose(0, 2, 1) @ inverse, below @ inverse
-    across = np.zeros((count, block, block))
-    for i in range(count - 2, -1, -1):
-        across[i] = -own[i + 1] @ step[i]
-        own[i] -= step[i].T @ across[i]
-    found, blocks = _blocks(width, block, count)
-    blocks[:-1, :block], blocks[:-1, block:] = own, across
-    # What lies below the matrix is nothing.
-    result = found[:, :size].copy()
-    for d in range(1, width):
-        result[d, size - d :] = 0.0
-    return result
-
-
-def _blocks(width: int, block: int, count: int) -> tuple[Array, Array]:
-    """A matrix of zeros in lower banded form, shape (width, (count + 1) block), and a view of the
-    columns of its blocks, each with the block below it, shape (count + 1, 2 block, block).
-
-    Entry (r, c) of a column of blocks stands in row r - c of the band; what is above the diagonal or
-    below the band goes to rows that are not returned.
-    """
-    columns = (count + 1) * block
-    rows = np.zeros((3 * block, columns))
-    band = rows[block : block + width]
-    row, column = rows.strides
-    view = np.lib.stride_tricks.as_strided(
-        rows[block:],
-        shape=(count + 1, 2 * block, block),
-        strides=(block * column, row, column - row),
-    )
-    return band, view
-
-
 _AT_ONCE = 512
 """Instants whose products are held at once."""
 _NUMBERS = 1 << 22
@@ -362,7 +297,7 @@ def accumulate(
     """
     size = functions * block
     parts: dict[Label, Array] = {}
-    side = np.zeros((functions, block, border))
+    side = np.zeros((size, border))
     corner, by_motion, by_border = (
         np.zeros((border, border)),
         np.zeros((functions, block)),
@@ -371,22 +306,22 @@ def accumulate(
     for part in rows:
         band = parts.setdefault(part.label, np.zeros((width, size)))
         columns = np.arange(border) if part.columns is None else part.columns
-        together = np.concatenate(
-            [part.by_motion, part.by_errors, part.residual[:, :, None]], axis=2
-        )
-        if len(part.first) and np.any(np.diff(part.first) < 0):
-            order = np.argsort(part.first, kind="stable")
-            together, first = together[order], part.first[order]
-        else:
-            first = part.first
+        first, order = part.first, None
+        if len(first) and np.any(np.diff(first) < 0):
+            order = np.argsort(first, kind="stable")
+            first = first[order]
         # Products over many columns are large: so many instants at once as fit into a bound.
-        at_once = int(np.clip(_NUMBERS // together.shape[2] ** 2, _FEW, _AT_ONCE))
+        at_once = int(np.clip(_NUMBERS // (width + len(columns) + 1) ** 2, _FEW, _AT_ONCE))
         for start in range(0, functions, at_once):
             span = slice(*np.searchsorted(first, [start, start + at_once]))
             if span.start == span.stop:
                 continue
             origin, last = int(first[span.start]), int(first[span.stop - 1])
-            products = _products(together[span], first[span] - origin, last - origin + 1)
+            own = span if order is None else order[span]
+            together = np.concatenate(
+                [part.by_motion[own], part.by_errors[own], part.residual[own, :, None]], axis=2
+            )
+            products = _products(together, first[span] - origin, last - origin + 1)
             _scatter(band, products, origin, block)
             count, reach = last - origin + 1, width // block
             across = np.zeros((count + reach - 1, block, len(columns) + 1))
@@ -394,15 +329,14 @@ def accumulate(
                 own = slice(function * block, (function + 1) * block)
                 across[function : function + count] += products[:, own, width:]
             target = slice(origin, last + reach)
-            side[target, :, columns] += across[:, :, :-1]
+            place = slice(target.start * block, target.stop * block)
+            side[place, columns] += across.reshape(-1, len(columns) + 1)[:, :-1]
             by_motion[target] -= across[:, :, -1]
             total = products[:, width:, width:].sum(axis=0)
             corner[np.ix_(columns, columns)] += total[:-1, :-1]
             by_border[columns] -= total[:-1, -1]
     band = reduce(np.add, parts.values(), np.zeros((width, size)))
-    return NormalEquations(
-        band, side.reshape(size, border), corner, by_motion.ravel(), by_border, parts, block
-    )
+    return NormalEquations(band, side, corner, by_motion.ravel(), by_border, parts, block)
 
 
 def _products(rows: Array, instant: NDArray[np.intp], count: int) -> Array:
@@ -421,9 +355,11 @@ def _scatter(band: Array, products: Array, origin: int, block: int) -> None:
     """Add products of consecutive instants to a banded matrix."""
     count, width = len(products), len(band)
     if count < _FEW:
-        rows, columns = _lower(width)
-        for i, product in enumerate(products):
-            band[rows - columns, (origin + i) * block + columns] += product[rows, columns]
+        length = (count - 1) * block + width
+        own, squares = _squares(width, length, block, count)
+        for square, product in zip(squares, products, strict=True):
+            square += product[:width, :width]
+        band[:, origin * block : origin * block + length] += own
         return
     for column in range(width):
         function, place = divmod(column, block)
@@ -432,10 +368,20 @@ def _scatter(band: Array, products: Array, origin: int, block: int) -> None:
         own[: width - column] += products[:, column:width, column].T
 
 
-@cache
-def _lower(width: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of the lower half of a square."""
-    return np.tril_indices(width)
+def _squares(width: int, length: int, block: int, count: int) -> tuple[Array, Array]:
+    """A matrix of zeros in lower banded form, shape (width, length), and a view of the squares on its
+    diagonal that begin a block apart, shape (count, width, width).
+
+    Entry (r, c) of a square stands in row r - c of the band; what is above the diagonal goes to rows
+    that are not returned.
+    """
+    rows = np.zeros((2 * width - 1, length))
+    band = rows[width - 1 :]
+    row, column = rows.strides
+    view = np.lib.stride_tricks.as_strided(
+        band, shape=(count, width, width), strides=(block * column, row, column - row)
+    )
+    return band, view
 
 
 def spread(basis: Basis, *by_order: Array, block: int = POSE) -> Array:

@@ -243,6 +243,14 @@ class Following:
     @property
     def posterior(self) -> Posterior:
         """All that follows, after the last motion has ended."""
+        return self.concluded()
+
+    def concluded(self, *, courses: bool = True) -> Posterior:
+        """All that follows, after the last motion has ended.
+
+        Args:
+            courses: See :func:`.conclusion.concluded`.
+        """
         fitted, recursion = self.begun, self.recursion
         here = recursion.state.calibration.values
         parts = [counted_from(part, -here) for part in motions_of(self.parts)]
@@ -267,7 +275,7 @@ class Following:
             (),
             recursion.task.settings,
         )
-        return concluded([FittedStretch(readings, whole, tuple(parts))])
+        return concluded([FittedStretch(readings, whole, tuple(parts))], courses=courses)
 
 
 def at_beginning(found: Following, like: Likeness) -> Following:

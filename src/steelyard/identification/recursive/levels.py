@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.identification.banded import banded_trace
 from steelyard.identification.model.motion_residuals import PARTS, Segment
-from steelyard.identification.model.segment import banded_trace
 from steelyard.identification.recursive.settings import RecursiveSettings
 
 

@@ -71,8 +71,9 @@ class Linear:
         return Linear(narrow, Point(self.at.motion, self.at.border[use]))
 
 
-def of_columns(rows: Rows, use: NDArray[np.intp], border: int) -> Rows:
-    """Rows with derivatives by some columns of the border alone.
+def in_one(rows: Sequence[Rows], use: NDArray[np.intp], border: int) -> Rows:
+    """All rows of a short stretch of the motion together, number by number, with derivatives by some
+    columns of the border alone: their products are few then.
 
     Args:
         rows: As they are.
@@ -81,9 +82,22 @@ def of_columns(rows: Rows, use: NDArray[np.intp], border: int) -> Rows:
     """
     place = np.full(border, -1, dtype=np.intp)
     place[use] = np.arange(len(use))
-    columns = place if rows.columns is None else place[rows.columns]
-    kept = columns >= 0
-    return replace(rows, by_errors=rows.by_errors[:, :, kept], columns=columns[kept])
+    counts = [each.residual.size for each in rows]
+    by_errors = np.zeros((sum(counts), 1, len(use)))
+    start = 0
+    for each, count in zip(rows, counts, strict=True):
+        columns = place if each.columns is None else place[each.columns]
+        kept = np.flatnonzero(columns >= 0)
+        if len(kept):
+            own = each.by_errors[:, :, kept].reshape(count, len(kept))
+            by_errors[start : start + count, 0, columns[kept]] = own
+        start += count
+    return Rows(
+        np.concatenate([np.repeat(each.first, each.residual.shape[1]) for each in rows]),
+        np.concatenate([each.residual.reshape(-1, 1) for each in rows]),
+        np.concatenate([each.by_motion.reshape(-1, 1, each.by_motion.shape[2]) for each in rows]),
+        by_errors,
+    )
 
 
 def together(parts: Sequence[NormalEquations], places: Sequence[int]) -> NormalEquations:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import plausible_radius
+from steelyard.identification.banded import banded_trace
 from steelyard.identification.known_body import plausible
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.motion_residuals import (
@@ -26,21 +27,14 @@ from steelyard.identification.model.motion_residuals import (
     motion_residuals,
 )
 from steelyard.identification.model.processes import SplineIntegrals, embedded
-from steelyard.identification.model.segment import (
-    POSE,
-    NormalEquations,
-    Rows,
-    banded_trace,
-    basis,
-    values_at,
-)
+from steelyard.identification.model.segment import POSE, NormalEquations, Rows, basis, values_at
 from steelyard.identification.recursive.grid import KnotGrid
 from steelyard.identification.recursive.levels import Liveliness
 from steelyard.identification.recursive.past import (
     Linear,
     Point,
     eliminated,
-    of_columns,
+    in_one,
     scaled,
     together,
 )
@@ -89,8 +83,8 @@ class Chunk:
         """Equations with the smoothness of the motion, over the columns that are estimated: most are
         not, and steps ask for none of these.
         """
-        own = [of_columns(each, self.use, len(self.border)) for each in self.rows]
-        return self._of(own, self.border[self.use])
+        own = in_one(self.rows, self.use, len(self.border))
+        return self._of([own], self.border[self.use])
 
     @cached_property
     def whole(self) -> Linear:
@@ -375,7 +369,8 @@ class Recursion:
         assert self.window is not None
         here, number = self, len(self.window.chunks)
         task, place = self.task, self.window.place(number)
-        column_of = TEN + np.arange(len(task.calibration_parameters), dtype=np.intp)
+        # The border is held.
+        column_of = np.full(len(task.calibration_parameters), -1, dtype=np.intp)
         wide = {
             each.source: _WIDE * self.state.factors.get(each.source, 1.0)
             for each in segment.readings

@@ -126,12 +126,13 @@ def without_knots(chunk: FittedStretch) -> FittedStretch:
     return FittedStretch(chunk.readings, fitted, parts)
 
 
-def concluded(chunks: Sequence[FittedStretch]) -> Posterior:
+def concluded(chunks: Sequence[FittedStretch], *, courses: bool = True) -> Posterior:
     """All that follows from a fit.
 
     Args:
         chunks: Of one experiment, linearised about the same calibration; the last one says how the
             fit ended.
+        courses: Whether the motions are drawn with their uncertainty; a verdict alone needs none.
 
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
@@ -186,7 +187,8 @@ def concluded(chunks: Sequence[FittedStretch]) -> Posterior:
     # What the verdict asks is how the forces compare with what was stated of them.
     wide = replace(wide, ratio=_force_ratio(found, sources, task.stated))
     covariance = np.where(np.outer(estimated, estimated), wide.covariance, 0.0)
-    motion = tuple(_motion_of(part, state, covariance) for part in parts if not part.segment.static)
+    moving = [part for part in parts if courses and not part.segment.static]
+    motion = tuple(_motion_of(part, state, covariance) for part in moving)
     return replace(result, solution=wide, motion=motion)
 
 

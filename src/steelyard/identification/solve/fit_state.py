@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,9 +85,9 @@ class Linearised:
     """Normal equations of one segment about a state."""
 
     motion: NormalEquations
-    """Of the motion instruments and what is known of its smoothness."""
+    """Of the motion instruments, and of the balance with them where the motion follows it."""
     forces: NormalEquations | None
-    """Of the balance; None: it is not looked at."""
+    """Of the balance where the motion is held; None: it is with them, or not looked at."""
     held: NormalEquations | None = None
     """Of the motion with its smoothness, where it is held; None: it follows the forces."""
 
@@ -150,22 +151,28 @@ def linearise(
         rows = motion_residuals(
             task.experiment, segment, state.calibration, column_of, state.factors, tally, carried
         )
+        if force_samples is None or state.parameters is None:
+            by_motion = segment.equations(border, rows)
+            found.append(Linearised(by_motion, None, segment.smooth(by_motion) if held else None))
+            continue
+        balanced = partial(
+            force_residuals,
+            task.experiment,
+            segment,
+            force_samples,
+            state.calibration,
+            column_of,
+            state.parameters,
+            state.factors,
+            tally,
+        )
+        if not held:
+            # In one sum: matrices of a long motion take more memory than anything else.
+            found.append(Linearised(segment.equations(border, chain(rows, balanced())), None))
+            continue
         by_motion = segment.equations(border, rows)
-        alone = segment.smooth(by_motion) if held else None
-        forces = None
-        if force_samples is not None and state.parameters is not None:
-            balanced = force_residuals(
-                task.experiment,
-                segment,
-                force_samples,
-                state.calibration,
-                column_of,
-                state.parameters,
-                state.factors,
-                tally,
-                None if alone is None else alone.inverse,
-            )
-            forces = segment.equations(border, balanced)
+        alone = segment.smooth(by_motion)
+        forces = segment.equations(border, balanced(alone.inverse))
         found.append(Linearised(by_motion, forces, alone))
     return tuple(found), tally
 

@@ -35,6 +35,8 @@ from steelyard.identification.solve.normal_equations import Blocks, BorderEquati
 from steelyard.identification.solve.settings import FitSettings
 from steelyard.inertia import TEN
 
+_ROWS_AT_ONCE = 2048
+"""Rows of a stretch whose product is formed at once: enough that the sums are little beside it."""
 _LOOKED_AT = 500
 """Samples that show how much noise the fitted motion has in the regressor."""
 
@@ -420,13 +422,39 @@ def by_stretches(
         columns = np.arange(border) if part.columns is None else part.columns
         order = np.argsort(part.first, kind="stable")
         edges = np.searchsorted(part.first[order], np.arange(len(number) + 1))
-        for i in np.flatnonzero(np.diff(edges)):
-            own = order[edges[i] : edges[i + 1]]
-            motion = part.by_motion[own].reshape(-1, segment.width)
-            E = -motion @ equations.followed[i * segment.block : i * segment.block + segment.width]
-            E[:, columns] += part.by_errors[own].reshape(-1, len(columns))
+        each = part.residual.shape[1]
+        for stretch, instants in _together(number, np.diff(edges) * each):
+            samples = order[edges[instants[0]] : edges[instants[-1] + 1]]
+            E = np.empty((len(samples) * each, border))
+            for i in instants:
+                own = order[edges[i] : edges[i + 1]]
+                begin = (edges[i] - edges[instants[0]]) * each
+                motion = part.by_motion[own].reshape(-1, segment.width)
+                start = i * segment.block
+                followed = equations.followed[start : start + segment.width]
+                np.matmul(-motion, followed, out=E[begin : begin + len(own) * each])
+            E[:, columns] += part.by_errors[samples].reshape(-1, len(columns))
             square = E.T @ E
-            normal[number[i]] += square
+            normal[stretch] += square
             of_source += square
-            right[number[i]] -= E.T @ part.residual[own].ravel()
+            right[stretch] -= E.T @ part.residual[samples].ravel()
     return normal, right, by_source
+
+
+def _together(number: NDArray[np.intp], rows: NDArray[np.intp]) -> Iterator[tuple[int, list[int]]]:
+    """Stretches, and instants of each that are taken at once: those that have rows, as far as these
+    are not too many.
+
+    Args:
+        number: Of the stretch that each instant belongs to.
+        rows: Of each instant.
+    """
+    found, held = list[int](), 0
+    for i in np.flatnonzero(rows):
+        if found and (number[i] != number[found[0]] or held + rows[i] > _ROWS_AT_ONCE):
+            yield int(number[found[0]]), found
+            found, held = [], 0
+        found.append(int(i))
+        held += int(rows[i])
+    if found:
+        yield int(number[found[0]]), found

@@ -8,7 +8,7 @@ two-sided, corrected for the number of tests [Dunn1961]_. Only what also moves t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,6 +111,7 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
     z = score / np.sqrt(np.maximum(noise, 1e-300))
     components = {TEN + place: unknown for place, unknown, _ in calibration_parameters.components()}
     moves = -solution.gain[:TEN][:, use] @ total.normal[np.ix_(use, tested)]
+    length = _length_of(posterior)
     for i, column in enumerate(tested):
         if diagonal[i] < settings.its_own * own[i]:
             continue
@@ -121,7 +122,7 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
             size=float(size),
             sigma=float(np.sqrt(noise[i]) / diagonal[i]),
             unit=unknown.unit,
-            shift=_shift(posterior, moves[:, i] * size),
+            shift=length(moves[:, i] * size),
             proposal=_proposal(unknown.owner, unknown.key),
             negligible=bool(abs(size) < unknown.negligible),
         )
@@ -166,6 +167,7 @@ def _of_priors(posterior: Posterior, settings: VerdictSettings) -> Iterator[Find
     )
     variance = np.diag(posterior.solution.covariance)[TEN:]
     moves = posterior.solution.covariance[:TEN, TEN:]
+    length = _length_of(posterior)
     for place, unknown, component in calibration_parameters.components():
         if unknown.is_load:
             # What is known of it is held against the readings beside what is known of bodies.
@@ -184,21 +186,26 @@ def _of_priors(posterior: Posterior, settings: VerdictSettings) -> Iterator[Find
             sigma=float(np.sqrt(variance[place])),
             unit=unknown.unit,
             # Held at its prior, the estimate would move by so much.
-            shift=_shift(posterior, moves[:, place] / variance[place] * size),
+            shift=length(moves[:, place] / variance[place] * size),
             proposal=_proposal(unknown.owner, unknown.key),
         )
 
 
-def _shift(posterior: Posterior, change: Array) -> float:
-    """Length of a change of the ten linear parameters in the 1-sigma of what is told."""
+def _length_of(posterior: Posterior) -> Callable[[Array], float]:
+    """Length of a change of the ten linear parameters, shape (10,), in the 1-sigma of what is told: a
+    function, since it is asked of hundreds.
+    """
     told = posterior.identifiable
-    if not told.any():
-        return 0.0
-    moved = (body_jacobian(posterior.parameters) @ change)[told]
+    J = body_jacobian(posterior.parameters)[told]
     covariance = posterior.body_covariance[np.ix_(told, told)]
     scale = 1 / np.sqrt(np.diag(covariance))
     inverse = np.linalg.pinv(covariance * np.outer(scale, scale), hermitian=True)
-    return float(np.sqrt(np.abs((moved * scale) @ inverse @ (moved * scale))))
+
+    def length(change: Array) -> float:
+        moved = scale * (J @ change)
+        return float(np.sqrt(np.abs(moved @ inverse @ moved)))
+
+    return length
 
 
 def _proposal(owner: str, key: str) -> str:

@@ -11,6 +11,7 @@ from steelyard.arrays import Array
 from steelyard.identification.residuals import Residuals
 from steelyard.report.evidence.thinning import Thinning, rounded, thinned
 from steelyard.report.evidence.values import Number, Spectrum, Trace, numbers
+from steelyard.spectra import density
 
 _LEAST_SIGMA = 1e-300
 """Instead of zero, which nothing can be divided by."""
@@ -73,8 +74,6 @@ def _spectrum(
         scaled: Residuals in their 1-sigma, shape (n, k).
         thinning: Lengths of the parts that it is the mean of.
     """
-    from scipy.signal import welch
-
     step = np.diff(each.time)
     if each.static or len(step) < thinning.fewest_intervals:
         return None
@@ -87,8 +86,8 @@ def _spectrum(
     n = len(scaled)
     length = min(thinning.longest_segment, n // thinning.spectrum_segments)
     length = min(n, max(thinning.shortest_segment, length))
-    frequency, density = welch(scaled, 1 / middle, nperseg=length, axis=0, detrend=False)
+    frequency, found = density(scaled, middle, length)
     # One-sided: white noise of unit variance has the density two over the rate.
-    power = np.mean(density / (2 * middle) / level, axis=1)
+    power = np.mean(found / (2 * middle) / level, axis=1)
     power = np.maximum(power[1:], _LEAST_POWER)
     return Spectrum(tuple(rounded(frequency[1:], 5)), tuple(rounded(power, 4)))
