@@ -14,6 +14,8 @@ from steelyard.identification.methods.force_free import ForceFree
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.inertia import BODY_PARAMETERS
 
+pytestmark = pytest.mark.integration
+
 
 def truth_of(body):
     return PerMass.of(body.body_parameters, np.zeros((10, 10))).value
