@@ -105,6 +105,8 @@ class Term:
     suspected: float | None = None
     """1-sigma of devices that have such an error at all, taken where the readings ask for it and
     nobody has stated one; None: the prior stays."""
+    of_reading: str = ""
+    """Quantity of which that is a part, times its usual reading; empty: it has the unit."""
     positive: bool = False
     """Whether no device has it below zero; an estimate may be, within its uncertainty."""
 

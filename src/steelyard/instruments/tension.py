@@ -32,8 +32,9 @@ _FRICTION = 0.02
 """Default 1-sigma of the friction of a roller."""
 _TRAVEL = 0.003
 """Default of the travel over which it builds up, and its 1-sigma [m]."""
-_VISCOUS = 20.0
-"""1-sigma of the resistance to the rate of rollers that have one [N s/m]."""
+_VISCOUS = 0.03
+"""1-sigma of the resistance to the rate of rollers that have one, as a part of the usual tension
+[s/m]: rollers are made for the cables that they carry."""
 _CROSSTALK = 0.005
 """1-sigma of the part of another cable that a sensor reads where sensors do so."""
 CROSSTALK = "crosstalk"
@@ -148,6 +149,7 @@ class Tension(Instrument):
                     "N s/m",
                     c.viscous or exact(),
                     suspected=None if c.viscous else _VISCOUS,
+                    of_reading="tension",
                     positive=True,
                 ),
             )

@@ -162,6 +162,15 @@ def test_a_stated_error_is_not_suspected():
     np.testing.assert_array_equal(found.deviation, 0.001)
 
 
+@pytest.mark.parametrize("pull", [4.0, 650.0])
+def test_rollers_are_suspected_to_resist_as_those_of_such_cables_do(pull):
+    runs = [Run("one", {"cables": stream("cables", {"tension": np.full((3, M), pull)})})]
+    cables = gather(experiment({"cables": {"end": "winch"}}, runs))
+    found = entry(cables, "cables", "viscous")
+    assert found.is_absent
+    assert found.suspected == pytest.approx(0.03 * pull)
+
+
 def test_places_follow_each_other_without_gap(everything):
     taken = np.concatenate(
         [np.arange(len(everything))[place] for place in everything.places.values()]

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from steelyard.identification.model.balance import UNMODELLED_PARTS
+from steelyard.identification.verdict import unmodelled
 from steelyard.identification.verdict.settings import VERDICT
-from steelyard.identification.verdict.unmodelled import of_disturbances
+from steelyard.identification.verdict.unmodelled import of_disturbances, scatter_beside
 from steelyard.inertia import Inertia
 
 BODY = Inertia(10.0, np.zeros(3), np.diag([0.2, 0.3, 0.4]))
@@ -57,3 +58,18 @@ def test_one_that_is_a_large_part_of_what_turns_the_body_is_no_promise(torque, c
 
 def test_one_that_is_stated_is_known():
     assert not list(of_disturbances(posterior(0.3, stated=True), VERDICT))
+
+
+def test_noise_that_a_wrench_takes_up_counts_as_noise(monkeypatch):
+    # Half of the variance of the noise is in the process.
+    at = SimpleNamespace(
+        measured=SimpleNamespace(unmodelled=SimpleNamespace(wrench=np.eye(6)[None])),
+        disturbance=np.full((1, 6), 0.2),
+        whitener=np.eye(6)[None] * np.sqrt(0.5) / 0.2,
+    )
+    monkeypatch.setattr(unmodelled, "balance_of", lambda *given: at)
+    state = SimpleNamespace(segments=(None,), calibration=None, parameters=np.ones(10), factors={})
+    found = SimpleNamespace(
+        experiment=None, fit=SimpleNamespace(state=state), force_samples=(None,)
+    )
+    assert scatter_beside(found) == pytest.approx(0.5)

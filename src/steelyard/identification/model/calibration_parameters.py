@@ -414,7 +414,9 @@ def gather(experiment: Experiment) -> CalibrationParameters:
                     term.unit,
                     term.mean,
                     deviation,
-                    None if _is_of_clock(experiment, name, term) else term.suspected,
+                    None
+                    if _is_of_clock(experiment, name, term)
+                    else _suspected(experiment, name, term),
                 )
                 for run in runs
             ]
@@ -648,12 +650,24 @@ def _may_stretch(experiment: Experiment, instrument: Instrument) -> bool:
 def _from_data(experiment: Experiment, name: str, term: Term) -> Array:
     """Default 1-sigma that the contract takes from the readings, shape (k,)."""
     quantity = {"offset.force": "force", "offset.torque": "torque"}.get(term.key, "tension")
+    sizes = _sizes(experiment, name, quantity)
+    scale = _OFFSET_SHARE * np.nanmedian(sizes) if quantity == "tension" else np.nanmax(sizes)
+    return np.full(term.size, float(scale))
+
+
+def _suspected(experiment: Experiment, name: str, term: Term) -> float | None:
+    """1-sigma of an error that is taken as none until the readings ask for it, in its unit."""
+    if term.suspected is None or not term.of_reading:
+        return term.suspected
+    return term.suspected * float(np.nanmedian(_sizes(experiment, name, term.of_reading)))
+
+
+def _sizes(experiment: Experiment, name: str, quantity: str) -> Array:
+    """Of all readings of a quantity, and of those under dead weights where there are no others."""
     readings = [
         run.streams[name].values[quantity] for run in experiment.runs if name in run.streams
     ] or [each.reading for each in experiment.weights if each.of == name]
-    sizes = np.abs(np.concatenate(readings))
-    scale = _OFFSET_SHARE * np.nanmedian(sizes) if quantity == "tension" else np.nanmax(sizes)
-    return np.full(term.size, float(scale))
+    return np.abs(np.concatenate(readings))
 
 
 def as_tree(

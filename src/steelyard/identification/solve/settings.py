@@ -43,7 +43,7 @@ class FitSettings:
     """The same of a motion that is only a beginning."""
     slow: float = 0.4
     """Part of a step that the next one is, above which steps are a slow geometric series."""
-    least_pace: float = 0.3
+    least_pace: float = 0.05
     """Of such a series, in parts of a step [Aitken1926]_."""
     largest_pace: float = 2.5
     """The same, at most."""

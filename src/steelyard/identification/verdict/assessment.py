@@ -18,7 +18,7 @@ from steelyard.identification.verdict.known_values import against_readings
 from steelyard.identification.verdict.seen_frequencies import of_frequencies
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.identification.verdict.swinging import swinging
-from steelyard.identification.verdict.unmodelled import of_disturbances
+from steelyard.identification.verdict.unmodelled import of_disturbances, scatter_beside
 from steelyard.identification.verdict.winches import turned_winches
 from steelyard.inertia import TEN, body_jacobian
 
@@ -146,6 +146,7 @@ def _of_forces(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]
         and solution.ratio < settings.much_less
         and small
         and not _is_disturbed(posterior)
+        and solution.ratio + scatter_beside(posterior) < settings.much_less
     ):
         yield (
             "forces and motion balance better than the stated noise allows"

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from steelyard.identification.model.balance import UNMODELLED_PARTS
+from steelyard.identification.model.balance import UNMODELLED_PARTS, balance_of
 from steelyard.identification.solve.misfits.disturbances import unstated_along
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.settings import VerdictSettings
@@ -52,6 +52,22 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
                     " platform faster, remove what pulls at it, or state it under 'uncertainty:"
                     " {unmodelled: …}'"
                 )
+
+
+def scatter_beside(posterior: Posterior) -> float:
+    """Variance that the unmodelled wrench makes beside the residual, in units of the noise of the
+    forces: noise that goes on for a while is taken up by it, so that less of it is left over.
+    """
+    fit, square, count = posterior.fit.state, 0.0, 0
+    assert fit.parameters is not None
+    for segment, forces in zip(fit.segments, posterior.force_samples, strict=True):
+        at = balance_of(
+            posterior.experiment, segment, forces, fit.calibration, fit.parameters, fit.factors
+        )
+        wrench = np.einsum("nij,nj->ni", at.measured.unmodelled.wrench, at.disturbance)
+        square += float(np.sum(np.einsum("nij,nj->ni", at.whitener, wrench) ** 2))
+        count += wrench.size
+    return square / max(count, 1)
 
 
 def _turning(posterior: Posterior, run: str) -> float:

@@ -7,6 +7,8 @@ from simulated import PAPER, RECORDER, TRUTH, changed, sound
 
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.solve.joint_motion import fit_jointly
+from steelyard.identification.solve.misfits.jitter import _lag, _Scattering
+from steelyard.identification.solve.settings import FIT
 
 pytestmark = pytest.mark.integration
 
@@ -39,6 +41,35 @@ def test_it_is_found_and_intervals_stay_true():
 def test_stamps_that_do_not_scatter_are_not_taken_to():
     for seed in range(3):
         assert fit_jointly(sound(seed)).fit.state.jitters == {}
+
+
+def scattering(residual, rate, time):
+    """Score of residuals of one axis."""
+    lag = _lag(time)
+    square = rate**2
+    return _Scattering(
+        "imu",
+        (residual[lag:] - residual[:-lag]) ** 2 / 2,
+        (square[lag:] + square[:-lag]) / 2,
+        0.0035,
+    ).score
+
+
+def test_an_error_that_grows_while_the_platform_turns_is_no_jitter():
+    time = np.arange(0, 20, 0.01)
+    rate = np.sin(0.6 * time)
+    noise = 0.0035 * np.random.default_rng(1).standard_normal(len(time))
+    assert scattering(noise + 0.02 * rate, rate, time) < FIT.jittering
+    assert scattering(noise * np.hypot(1, 3 * rate), rate, time) > FIT.jittering
+
+
+def test_stamps_of_a_logger_that_writes_in_order_scatter_anew_after_the_lag():
+    rng = np.random.default_rng(2)
+    true = np.arange(0, 20, 1 / 238)
+    stamps = np.maximum.accumulate(true + 0.012 * np.abs(rng.standard_normal(len(true))))
+    late, lag = stamps - true, _lag(stamps)
+    assert np.corrcoef(late[1:], late[:-1])[0, 1] > 0.4
+    assert abs(np.corrcoef(late[lag:], late[:-lag])[0, 1]) < 0.1
 
 
 @pytest.mark.slow

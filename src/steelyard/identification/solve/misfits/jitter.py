@@ -29,6 +29,9 @@ from steelyard.identification.solve.joint_fit import fit
 
 SCATTER = float(np.sqrt(1 - 2 / np.pi))
 """1-sigma of the absolute value of a standard normal number."""
+_APART = 0.05
+"""Time after which stamps scatter anew [s]: a logger that writes messages in the order in which they
+came makes those that follow each other late together."""
 _ORDER = 2
 """Of the polynomials that show the rate of force readings."""
 _FEWEST = 7
@@ -110,9 +113,9 @@ class _Scattering:
 
     name: str
     square: Array
-    """Squared residuals, shape (n,)."""
+    """Half the squared differences of residuals shortly after each other, shape (n,)."""
     by_time: Array
-    """Squared rates, shape (n,)."""
+    """Squared rates there, shape (n,)."""
     sigma: float
     """1-sigma of their noise as it is stated, or as it began."""
 
@@ -123,7 +126,8 @@ class _Scattering:
         """
         spread = self.by_time - self.by_time.mean()
         usual = float(np.mean(self.square))
-        size = usual * np.sqrt(2 * np.sum(spread**2))
+        # Of white noise: squares of two differences that share a residual go together by a quarter.
+        size = usual * np.sqrt(2 * 1.5 * np.sum(spread**2))
         return float(np.sum(self.square * spread) / size) if size > 0 else 0.0
 
     def shows(self, jitter: float, least: float) -> bool:
@@ -178,12 +182,25 @@ def _scatterings(task: Task, state: FitState) -> Iterator[_Scattering]:
             # One spike is no jitter: it counts for what noise may do at most.
             bound = task.settings.jitter_bound * float(np.sqrt(np.mean(residual[use] ** 2)))
             held = np.clip(residual[use], -bound, bound)
-            squares.setdefault(reading.source, []).append(held.ravel() ** 2)
+            # What goes on for a while, as of a heading that walks while the platform turns, is no
+            # jitter, and not in differences over a short time.
+            lag = _lag(reading.time[use])
+            if len(held) <= lag:
+                continue
+            differences, square = held[lag:] - held[:-lag], rate[use] ** 2
+            squares.setdefault(reading.source, []).append(differences.ravel() ** 2 / 2)
             sigmas[reading.source] = reading.sigma
-            rates.setdefault(reading.source, []).append(rate[use].ravel() ** 2)
+            both = (square[lag:] + square[:-lag]) / 2
+            rates.setdefault(reading.source, []).append(both.ravel())
     for source, each in squares.items():
         square = np.concatenate(each)
         yield _Scattering(source[0], square, np.concatenate(rates[source]), sigmas[source])
+
+
+def _lag(time: Array) -> int:
+    """Samples between two whose stamps scatter independently of each other."""
+    mean = float(np.ptp(time)) / max(len(time) - 1, 1) if len(time) else _APART
+    return max(1, round(_APART / max(mean, 1e-6)))
 
 
 def _residual_and_rate(
