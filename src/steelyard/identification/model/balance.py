@@ -322,8 +322,7 @@ def balance_of(
     times = balance_times(experiment, segment, force_samples, calibration)
     local = segment.basis(times)
     inputs = moving_body(segment, local, calibration, parameters)
-    hoses = len(experiment.surroundings.attached)
-    motion = motion_and_wrench(experiment.robot, hoses)(**inputs)
+    motion = motion_and_wrench(experiment.robot, *calibration.pulling)(**inputs)
     needed = motion.pop("wrench")
     motion |= _remembered(experiment, segment, force_samples, calibration, motion)
     told = undisturbed(segment, force_samples, local)
@@ -384,6 +383,7 @@ def moving_body(
         "attached": calibration.of_robot(*ATTACHED),
         "air": calibration.of_robot(*AIR),
         "hoses": calibration.hoses,
+        "swivel": calibration.swivel,
     }
 
 
@@ -482,6 +482,5 @@ def regressor_at(
         calibration: Present values of the calibration parameters.
     """
     inputs = moving_body(segment, segment.basis(times), calibration, np.zeros(TEN))
-    hoses = len(experiment.surroundings.attached)
-    motion = motion_and_wrench(experiment.robot, hoses)(**inputs)
+    motion = motion_and_wrench(experiment.robot, *calibration.pulling)(**inputs)
     return platform_regressor(motion["specific_force"], motion["omega"], motion["alpha"])

@@ -30,6 +30,7 @@ from steelyard.robot.surroundings import (
     damping_wrench,
     hose_wrench,
     middle_of,
+    swivel_wrench,
 )
 
 _MOTION = ("position", "rotation", "velocity", "omega", "alpha", "specific_force")
@@ -52,9 +53,11 @@ class _MovingBody(NamedTuple):
     """Drag and damping, each of moving and of turning, shape (4,)."""
     hoses: Symbol
     """Those that are stated, shape (9 h,)."""
+    swivel: Symbol
+    """Friction where cables turn about their anchors, shape (m,), or (0,): none."""
 
     @classmethod
-    def new(cls, hoses: int) -> _MovingBody:
+    def new(cls, hoses: int, swivels: int) -> _MovingBody:
         sizes = {
             "pose": 7,
             "rate": 7,
@@ -65,6 +68,7 @@ class _MovingBody(NamedTuple):
             "attached": sum(size for _, size in ATTACHED),
             "air": sum(size for _, size in AIR),
             "hoses": hoses * _PER_HOSE,
+            "swivel": swivels,
         }
         return cls(**{name: ca.SX.sym(name, size) for name, size in sizes.items()})
 
@@ -85,6 +89,8 @@ class _MovingBody(NamedTuple):
         needed -= attached_wrench(state.position, state.rotation, middle_of(robot), *hose)
         speeds = (state.rotation, state.velocity, state.omega)
         needed -= air_wrench(*speeds, self.air[0], self.air[1])
+        if self.swivel.numel():
+            needed -= swivel_wrench(robot, state.position, *speeds, self.swivel)
         return needed - damping_wrench(*speeds, self.air[2], self.air[3])
 
 
@@ -100,9 +106,9 @@ class _Geometry(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def motion_and_wrench(heavy: Robot, hoses: int = 0) -> Batched:
+def motion_and_wrench(heavy: Robot, hoses: int = 0, swivels: int = 0) -> Batched:
     """Motion, and the wrench that moves the body, drags the cables and withstands hoses and air."""
-    body = _MovingBody.new(hoses)
+    body = _MovingBody.new(hoses, swivels)
     state = body.state
     motion = {name: ca.densify(ca.SX(getattr(state, name))) for name in _MOTION}
     return Batched("moved", body._asdict(), {"wrench": body.wrench(heavy), **motion})
@@ -139,12 +145,12 @@ def taut_structure(robot: Robot) -> Batched:
 
 
 @lru_cache(maxsize=16)
-def derivatives_of_balance(heavy: Robot, hoses: int = 0) -> Batched:
+def derivatives_of_balance(heavy: Robot, hoses: int = 0, swivels: int = 0) -> Batched:
     """Of the wrench of the cables less what moves the body, by everything; sag is of no account for
     these.
     """
     robot = heavy.with_straight_cables()
-    body, fixed = _MovingBody.new(hoses), _Geometry.of(robot)
+    body, fixed = _MovingBody.new(hoses, swivels), _Geometry.of(robot)
     tension = ca.SX.sym("tension", robot.m)
     state = body.state
     wrench = cable_wrench(robot, state.position, state.rotation, tension, *fixed)

@@ -33,6 +33,7 @@ from steelyard.identification.model.calibration_parameters import (
     ATTACHED,
     DRAG,
     ROBOT,
+    SWIVEL,
     CalibrationValues,
     hose_keys,
 )
@@ -220,9 +221,7 @@ def _point_of(
         at,
         local,
         motion_at(local, segment.coefficients),
-        derivatives_of_balance(experiment.robot, len(experiment.surroundings.attached))(
-            **inputs, **cables
-        ),
+        derivatives_of_balance(experiment.robot, *calibration.pulling)(**inputs, **cables),
     )
 
 
@@ -483,7 +482,14 @@ def _by_robot(point: _BalancePoint) -> _ByParameters:
     if load is not None:
         yield load, point.derivatives["by_parameters"]
     hoses = hose_keys(point.calibration.calibration_parameters)
-    for name, parts in (("by_attached", ATTACHED), ("by_air", AIR), ("by_hoses", hoses)):
+    swivels = ((SWIVEL, point.calibration.swivel.size),) if point.calibration.swivel.size else ()
+    beside = (
+        ("by_attached", ATTACHED),
+        ("by_air", AIR),
+        ("by_hoses", hoses),
+        ("by_swivel", swivels),
+    )
+    for name, parts in beside:
         column = 0
         for key, size in parts if point.experiment.robot.m or parts is hoses else ():
             derivative = point.derivatives[name][:, :, column : column + size]
@@ -570,15 +576,18 @@ def tally_forces(
         else 1.0
     )
     near = used_at_all & (size <= limit(6) * max(1.0, usual))
+    # What touched the platform has a note of its own.
+    free = ~force_samples.touched
     correction, decided = at.correction, at.noise.decided
     for quantity, own in force_samples.places.items():
         used = ~force_samples.left_out[:, own]
         label = segment.label(force_samples.name, quantity)
         _count(tally, label, correction[:, own] * used, decided[:, own] * used, weight, near)
-        tally.far[label] += int(np.sum(~used))
+        tally.far[label] += int(np.sum(~near & free)) + int(np.sum(~used & free[:, None]))
     if force_samples.unmodelled is not None:
         label, rest = segment.label(ROBOT, UNMODELLED), at.noise.readings
         _count(tally, label, correction[:, rest:], decided[:, rest:], weight, near)
+        tally.far[label] += int(np.sum(~near & free))
     tally.cost += float(np.sum(size**2 * weight * (2 - weight)))
 
 
@@ -594,7 +603,7 @@ def _count(
     square, count = np.sum(correction**2, axis=1), np.sum(decided, axis=1)
     tally.square[label] = tally.square.get(label, 0.0) + float(np.sum(square[near]))
     tally.count[label] = tally.count.get(label, 0.0) + float(np.sum(count[near]))
-    tally.far[label] = tally.far.get(label, 0) + int(np.sum(~near))
+    tally.far.setdefault(label, 0)
     whole, numbers = tally.held.get(label, (0.0, 0.0))
     tally.held[label] = (
         whole + float(square @ weight**2),
