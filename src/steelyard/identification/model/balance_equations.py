@@ -89,9 +89,16 @@ class _MovingBody(NamedTuple):
         needed -= attached_wrench(state.position, state.rotation, middle_of(robot), *hose)
         speeds = (state.rotation, state.velocity, state.omega)
         needed -= air_wrench(*speeds, self.air[0], self.air[1])
-        if self.swivel.numel():
-            needed -= swivel_wrench(robot, state.position, *speeds, self.swivel)
         return needed - damping_wrench(*speeds, self.air[2], self.air[3])
+
+    def rubbing(self, robot: Robot) -> Symbol:
+        """What friction where cables turn about their anchors does to the platform."""
+        if not self.swivel.numel():
+            return ca.SX.zeros(6)
+        own = self.state
+        return swivel_wrench(
+            robot, own.position, own.rotation, own.velocity, own.omega, self.swivel
+        )
 
 
 class _Geometry(NamedTuple):
@@ -111,7 +118,8 @@ def motion_and_wrench(heavy: Robot, hoses: int = 0, swivels: int = 0) -> Batched
     body = _MovingBody.new(hoses, swivels)
     state = body.state
     motion = {name: ca.densify(ca.SX(getattr(state, name))) for name in _MOTION}
-    return Batched("moved", body._asdict(), {"wrench": body.wrench(heavy), **motion})
+    wrench = body.wrench(heavy) - body.rubbing(heavy)
+    return Batched("moved", body._asdict(), {"wrench": wrench, **motion})
 
 
 def _dragged(robot: Robot, state: State, gravity: Symbol) -> Symbol:
@@ -147,7 +155,7 @@ def taut_structure(robot: Robot) -> Batched:
 @lru_cache(maxsize=16)
 def derivatives_of_balance(heavy: Robot, hoses: int = 0, swivels: int = 0) -> Batched:
     """Of the wrench of the cables less what moves the body, by everything; sag is of no account for
-    these.
+    these, and how friction follows the pose.
     """
     robot = heavy.with_straight_cables()
     body, fixed = _MovingBody.new(hoses, swivels), _Geometry.of(robot)
@@ -158,7 +166,12 @@ def derivatives_of_balance(heavy: Robot, hoses: int = 0, swivels: int = 0) -> Ba
     by = body._asdict()
     if robot.m:
         by |= {"anchor": ca.vec(fixed.anchors), "attachment": ca.vec(fixed.attachments)}
-    outputs = {f"by_{key}": ca.densify(ca.jacobian(wrench, each)) for key, each in by.items()}
+    outputs = {f"by_{key}": ca.jacobian(wrench, each) for key, each in by.items()}
+    for key in ("rate", "swivel"):
+        outputs[f"by_{key}"] += ca.jacobian(body.rubbing(robot), by[key])
+    # Derivatives by many things have much in common.
+    shared = ca.cse([ca.densify(each) for each in outputs.values()])
+    outputs = dict(zip(outputs, shared, strict=True))
     if not robot.m:
         return Batched("derivatives", body._asdict(), outputs)
     return _batched("derivatives", {**body._asdict(), "tension": tension}, fixed, outputs)

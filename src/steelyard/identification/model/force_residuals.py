@@ -197,6 +197,10 @@ def whitened_balance(
     )
     if force_samples.unmodelled is None:
         return WhitenedBalance(at, root, (rows,))
+    if force_samples.guessed.all():
+        # No reading is corrected: all of it is the unmodelled wrench.
+        own = replace(rows, label=segment.label(ROBOT, UNMODELLED))
+        return WhitenedBalance(at, root, (own,))
     return WhitenedBalance(at, root, tuple(_by_origin(rows, at, segment)))
 
 
@@ -442,6 +446,9 @@ def _terms_of_readings(point: _BalancePoint, values: Array) -> _ByParameters:
         values: Tensions or wrench, shape (n, k).
     """
     at, instrument, run = point.at, point.instrument, point.segment.run
+    if not instrument.terms(point.experiment.robot.m):
+        # Cables that nobody reads have no errors.
+        return
     name, robot = point.force_samples.name, point.experiment.robot
     parameters = point.calibration.calibration_parameters
     unknown = at.measured.quantity
