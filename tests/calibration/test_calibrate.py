@@ -32,6 +32,7 @@ def test_anchors_and_attachments_are_found(m):
     assert np.nanmax(found.leave_one_out) < 2 * NOISE
 
 
+@pytest.mark.integration
 def test_intervals_cover():
     chi = []
     for seed in range(12):
@@ -130,6 +131,7 @@ MISTAKES = {
 }
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("off", [0.3, 0.05])
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_rejected(mistake, off):
@@ -311,6 +313,7 @@ def test_the_verb_writes_all_of_it(tmp_path, capsys):
     ]  # fmt: skip
 
 
+@pytest.mark.integration
 def test_a_calibration_that_is_not_accepted_ends_with_status_3(tmp_path):
     experiment, _ = recorded(off=0.05)
     (run,) = experiment.runs

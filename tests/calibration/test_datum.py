@@ -163,6 +163,7 @@ def test_the_sigma_of_points_on_the_datum_is_that_of_their_distances():
     )
 
 
+@pytest.mark.integration
 def test_intervals_about_a_pose_cover():
     chi, better = [], []
     for seed in range(10):
@@ -195,6 +196,7 @@ def test_the_first_pose_is_as_it_was_commanded(one):
     np.testing.assert_allclose(gain * length + offset, seen, atol=5 * NOISE)
 
 
+@pytest.mark.integration
 def test_a_pose_instrument_says_it_where_there_is_no_command():
     experiment, _ = put_up(1)
     (run,) = experiment.runs
@@ -233,6 +235,7 @@ def test_without_either_it_is_refused():
         calibrate(replace(experiment, datum=Datum(pose="poses")))
 
 
+@pytest.mark.integration
 def test_gravity_and_rollers_turn_with_the_world():
     experiment, _ = hung(2)
     experiment = replace(experiment, datum=THREE)
@@ -285,6 +288,7 @@ def test_it_is_said_in_words(tmp_path, one):
     assert "that in which the first pose of run 'poses' is as command says (datum)" in pose
 
 
+@pytest.mark.integration
 def test_a_tracker_whose_place_was_exact_has_one_in_the_new_world():
     experiment, _ = recorded()
     found = calibrate(replace(experiment, datum=THREE))

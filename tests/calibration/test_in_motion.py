@@ -16,6 +16,8 @@ from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.experiment.write import write_experiment
 from steelyard.instruments import Imu, Length, Position, Tension
 
+pytestmark = pytest.mark.integration
+
 DURATION, G = 12.0, np.array([0.0, 0.0, -9.81])
 MASS, CENTRE = 100.0, np.array([0.05, -0.03, -0.1])
 INERTIA = np.diag([12.0, 15.0, 9.0])

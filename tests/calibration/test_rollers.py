@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from click.testing import CliRunner
 from halls import recorded
 
@@ -62,6 +63,7 @@ def test_radii_that_no_pose_tells_are_null_and_named():
     assert robot_text(found).count("# not told") == 8
 
 
+@pytest.mark.integration
 def test_a_robot_alone_gets_sensors_that_tell_its_geometry(tmp_path):
     arguments = ["cogiro", "--calibration", "--poses", "8", "--out", str(tmp_path / "plan")]
     result = CliRunner().invoke(design_verb, [*arguments, "--quiet"], catch_exceptions=False)

@@ -11,6 +11,8 @@ from steelyard.experiment.model import DeadWeights
 from steelyard.instruments import Tension, Weight
 from steelyard.instruments.base import Prior
 
+pytestmark = pytest.mark.integration
+
 
 def test_lengths_and_forces_alone_tell_the_shape():
     experiment, _ = hung(0)

@@ -65,6 +65,7 @@ def numbers(table):
     return table.drop("seconds", "path")
 
 
+@pytest.mark.integration
 def test_a_row_for_every_experiment_has_what_the_estimate_file_has(data, out):
     found = run(data, out)
     table = pl.read_parquet(out / TABLE)
@@ -84,6 +85,7 @@ def test_a_row_for_every_experiment_has_what_the_estimate_file_has(data, out):
     assert "3 experiments" in repr(found)
 
 
+@pytest.mark.integration
 def test_what_is_done_is_not_done_again_until_its_files_change(data, out):
     run(data, out)
     first = pl.read_parquet(out / TABLE)
@@ -132,6 +134,7 @@ def test_what_rejects_beside_a_baseline_decides(data, out):
     assert found.problems == ("a: not accepted: drifts",)
 
 
+@pytest.mark.integration
 def test_numbers_after_a_resumed_campaign_are_those_of_an_undisturbed_one(data, out, tmp_path):
     def ended(work, tasks):
         for i, task in enumerate(tasks):
@@ -148,6 +151,7 @@ def test_numbers_after_a_resumed_campaign_are_those_of_an_undisturbed_one(data, 
     assert numbers(pl.read_parquet(out / TABLE)).equals(numbers(whole))
 
 
+@pytest.mark.integration
 def test_a_broken_recording_costs_only_itself_and_says_why(data, out):
     (data / "b" / "moving" / "imu.csv").unlink()
     found = run(data, out)
@@ -164,6 +168,7 @@ def test_a_broken_recording_costs_only_itself_and_says_why(data, out):
     assert pl.read_parquet(out / TABLE)["status"].to_list() == ["done"] * 3
 
 
+@pytest.mark.integration
 def test_what_the_machine_lost_is_tried_again(data, out):
     def losing(work, tasks):
         for task in tasks:
@@ -176,6 +181,7 @@ def test_what_the_machine_lost_is_tried_again(data, out):
     assert run(data, out).unchanged == 2
 
 
+@pytest.mark.integration
 def test_rows_of_two_campaigns_are_merged(data, out):
     run(data / "a", out)
     run([data / "b"], out)
@@ -344,6 +350,7 @@ def test_wrong_requests_are_refused_before_anything_is_written(keys, said, data,
     assert not out.exists()
 
 
+@pytest.mark.integration
 def test_globs_name_experiments_below_their_fixed_part(data, out):
     found = run(str(data / "*" / "experiment.yaml"), out)
     assert found.to_polars()["experiment"].to_list() == ["a", "b"]
@@ -351,6 +358,7 @@ def test_globs_name_experiments_below_their_fixed_part(data, out):
     assert (again.experiments, again.unchanged) == (3, 2)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("scheme", ["file", "memory"])
 def test_experiments_behind_urls_give_the_same_numbers(scheme, data, out, tmp_path):
     fsspec = pytest.importorskip("fsspec")

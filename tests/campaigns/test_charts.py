@@ -46,6 +46,7 @@ def test_run_lengths_are_those_of_drawn_numbers():
     assert abs(np.mean(lengths) - expected) < 4 * np.std(lengths) / 20
 
 
+@pytest.mark.integration
 def test_intervals_have_the_run_length_that_is_asked_for():
     for k, h in zip(CHARTS.allowances, intervals(), strict=True):
         assert run_length(k, h) == pytest.approx(40 * 1e6, rel=1e-6)

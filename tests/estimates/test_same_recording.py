@@ -34,6 +34,7 @@ def test_two_results_of_one_recording(tmp_path, without):
     assert INDEPENDENT_NOTE not in pairs.notes
 
 
+@pytest.mark.integration
 def test_two_recordings_of_one_command_are_two(tmp_path):
     one, other = (written(tmp_path / name, RECORDER(seed)) for name, seed in (("a", 1), ("b", 2)))
     pairs = compare(read_estimates([one, other]))

@@ -23,6 +23,8 @@ from steelyard.instruments import Attitude, Length, Position, Tension
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
 
+pytestmark = pytest.mark.integration
+
 POSES = 12
 FEW = DesignSettings(candidate_poses=30)
 TARGET = np.array([0.1, 0.2, 1.1])

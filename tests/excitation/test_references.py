@@ -32,6 +32,8 @@ from steelyard.motion.trajectory import multisine
 from steelyard.report.documents.references import reference_document
 from steelyard.report.forms.markdown import markdown
 
+pytestmark = pytest.mark.integration
+
 LEVEL = 600.0  # [N]
 MOTION = multisine(list(CENTER), list(REACH), 5.0, 4)
 INSTRUMENTS = {

@@ -95,6 +95,7 @@ def test_recordings_have_none(file):
         assert not [fault for fault in run.excluded if fault.kind == "spike"]
 
 
+@pytest.mark.integration
 def test_a_flipped_bit_is_left_out_and_named(tmp_path, run):
     path = write_small(tmp_path)
     log = tmp_path / RUN / "cables.csv"

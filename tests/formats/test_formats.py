@@ -90,6 +90,7 @@ def test_a_kept_file_has_the_form_of_its_schema(name):
         assert values_of(path)[0]["format"] == FORMATS[name].number
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("name", [name for name in FORMATS if name != "stream"])
 def test_a_schema_refuses_what_lacks_a_key_or_has_another_kind_of_value(name):
     values = values_of(KEPT / NUMBERED[name])[0]

@@ -81,6 +81,7 @@ def test_a_stop_watch_tells_the_body(by):
     assert chi2.ppf(1e-3, freedom) < chi < chi2.isf(1e-3, freedom)
 
 
+@pytest.mark.integration
 def test_what_frequencies_do_not_tell_is_null():
     found = identify(experiment_of(4, stopwatch(4, 1, 0))).estimate
     assert np.isnan(found.per_mass.value).sum() >= 5

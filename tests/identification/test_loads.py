@@ -13,6 +13,8 @@ from steelyard.identification.identify import identify
 from steelyard.inertia import Inertia
 from steelyard.motion.trajectory import multisine
 
+pytestmark = pytest.mark.integration
+
 ADDED = Inertia(16.0, np.array([0.2, -0.1, -0.4]), np.diag([0.45, 0.55, 0.33]))
 # Gains are what two loads share.
 INSTRUMENTS = {

@@ -94,6 +94,7 @@ def test_a_gain_that_all_share_is_told_from_all_of_them():
     np.testing.assert_allclose(correlation, covariance / np.outer(sigma, sigma), atol=0.06)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("stated", [True, False])
 def test_intervals_of_the_cells_cover(stated):
     chi = []
@@ -293,6 +294,7 @@ def mass_by_algebra(W, reading, table=None):
     return float(np.sqrt(np.linalg.inv(information)[0, 0]))
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("method", ["maximum-likelihood", "least-squares", "consistent"])
 def test_the_mass_before_and_after_is_that_of_plain_algebra(method):
     found, table, (W, reading) = hanging(1)
@@ -320,6 +322,7 @@ def weighed_recording(seed):
     return found, table
 
 
+@pytest.mark.integration
 def test_every_method_knows_the_mass_better():
     found, table = weighed_recording(0)
     weighed = identify(replace(found, weights=(table,)), "all")

@@ -42,6 +42,7 @@ def recorded(modes, seed=0, duration=10.0):
     return Experiment("made", swinging_robot(3), like.instruments, (run,)), run
 
 
+@pytest.mark.integration
 def test_sinusoids_are_found_within_their_sigma():
     true = [(0.9, 0.02, 0.05), (1.2, 0.05, 0.02), (1.7, 0.01, 0.01)]
     z = []
@@ -74,6 +75,7 @@ def test_modes_of_small_swings_are_natural_ones():
     np.testing.assert_allclose(found, predicted, rtol=0.01)
 
 
+@pytest.mark.integration
 def test_inspection_names_modes_and_no_mass():
     found = inspect(read_experiment(EXAMPLE))
     assert not found.mistakes
@@ -101,6 +103,7 @@ def test_a_winch_that_turned_is_named():
     assert "are said to be locked" in named[0]
 
 
+@pytest.mark.integration
 def test_the_report_shows_spectra_and_no_forces():
     found = identify(read_experiment(EXAMPLE))
     summary = summarise(found)

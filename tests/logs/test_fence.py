@@ -89,6 +89,7 @@ def test_limits_that_are_none(path, monkeypatch, text):
         force(path)
 
 
+@pytest.mark.integration
 def test_the_option_says_the_same_for_one_command(tmp_path, run, monkeypatch):
     monkeypatch.delenv(fence.VARIABLE, raising=False)
     files.write_hdf5(tmp_path / "a.h5", files.streams())

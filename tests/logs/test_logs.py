@@ -182,6 +182,7 @@ def test_topic_with_and_without_slash(small, name):
         assert one.names == other.names
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("name", ["json.mcap", "ros2.mcap", "ros1.bag", "old.db3"])
 def test_several_topics(small, name):
     path, _ = small[name]
@@ -390,6 +391,7 @@ def test_a_window_of_any_stamps_is_the_part_of_all(tmp_path, stamps):
         np.testing.assert_array_equal(values["point.x"], x[(t >= start) & (t <= end)])
 
 
+@pytest.mark.integration
 def test_a_clock_that_was_set_back_is_read_as_a_whole(tmp_path):
     """Times decrease somewhere: then nothing is skipped."""
     found = long_streams(lambda t: np.where(t < 150, t + 1000, t))
@@ -1119,6 +1121,7 @@ def test_noise_behind_the_beginning(small, tmp_path, name):
     assert not attempt(noisy, topic)
 
 
+@pytest.mark.integration
 def test_checksums(small, tmp_path, found):
     """What a format can notice, it does: the numbers of an MCAP file are right, or it is
     refused."""
@@ -1305,6 +1308,7 @@ def idl(fields):
     return "module a { module msg { struct A {" + fields + "}; }; };"
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("form", "definition", "sentence"),
     [
@@ -1466,6 +1470,7 @@ def test_hostile_databases(small, tmp_path, script, sentence):
     assert sentence in hostile(tmp_path / "a.db3", "/imu")
 
 
+@pytest.mark.integration
 def test_parts_of_a_bag_are_in_its_folder(small, tmp_path):
     (tmp_path / "secret.db3").write_bytes(small["old.db3"][0].read_bytes())
     bag = tmp_path / "bag"

@@ -87,6 +87,7 @@ def estimate_of(body, covariance, per_mass=None):
     return Estimate("maximum-likelihood", body, covariance, verdict, per_mass=per_mass)
 
 
+@pytest.mark.integration
 def test_one_sigma_is_that_of_draws():
     robot, rng = swinging_robot(3), np.random.default_rng(0)
     root = np.tril(rng.normal(size=(10, 10))) * 1e-3

@@ -61,6 +61,7 @@ def test_a_stated_hose_pulls_where_it_comes_from_once_it_is_taut():
     np.testing.assert_allclose(slack[:3], TURNED.inv().apply([0, 0, -7.0]), atol=1e-3)
 
 
+@pytest.mark.integration
 def test_a_stated_hose_does_the_work_that_its_length_takes():
     at, to = np.array([0.1, -0.5, 0.9]), np.array([0.0, 3.0, 5.4])
     steps = np.linspace(0.0, 1.0, 2001)[:, None] * [0.5, -1.0, 0.3]

@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from recording import Array, read_platform
+from recording import Array, Platform, read_platform
 
 from peers.filtered import filtered, pinocchio_regressor, with_covariance
 
@@ -20,6 +20,13 @@ OMEGA, ALPHA, FORCE, TEN, OFFSET = (
 def estimate(folder: Path) -> tuple[Array, Array]:
     """The ten after two passes, and the filter's own covariance."""
     data = read_platform(folder)
+    return bodies(data, data.t[-1:], turns=2)[0]
+
+
+def bodies(data: Platform, instants: Array, *, turns: int) -> list[tuple[Array, Array]]:
+    """The ten and their covariance at instants [s] of the last of some passes; a second pass is
+    linearised about the body that the first one found.
+    """
     smooth = filtered(data)
     h = data.step
     # White noise of the readings from neighbours; that of the motion from the filtered one.
@@ -47,11 +54,11 @@ def estimate(folder: Path) -> tuple[Array, Array]:
             0.02 * np.linalg.norm(mean[:3]) * np.array([1, 1, 1, length, length, length]),
         ]
     )  # fmt: skip
-    # The second pass is linearised about the body that the first one found.
-    for _turn in range(2):
+    found, last = [], np.searchsorted(data.t, instants, side="right") - 1
+    for turn in range(turns):
         P = np.diag(sizes**2)
         x[FORCE], x[OMEGA], x[ALPHA] = data.specific_force[0], data.omega[0], 0.0
-        for reading in readings:
+        for i, reading in enumerate(readings):
             x, P = F @ x, F @ P @ F.T + Q
             motion = (x[OMEGA][None], x[ALPHA][None], x[FORCE][None])
             Y = pinocchio_regressor(*motion)[0]
@@ -72,4 +79,6 @@ def estimate(folder: Path) -> tuple[Array, Array]:
             x = x + gain @ (reading - expected)
             left = np.eye(25) - gain @ H
             P = left @ P @ left.T + gain @ R @ gain.T
-    return with_covariance(x[TEN], P[TEN, TEN])
+            if turn == turns - 1 and i in last:
+                found.append(with_covariance(x[TEN], P[TEN, TEN]))
+    return found

@@ -103,14 +103,9 @@ def friendlier(about: dict[str, Any], folder: Path) -> dict[str, Any]:
     }
 
 
-def identified(folder: Path, method: str, scratch: Path, *, wrench: bool = False) -> dict[str, Any]:
-    """The result of one of steelyard's methods.
-
-    Args:
-        folder: Of the recording.
-        method: Name.
-        scratch: Empty folder for its files.
-        wrench: Whether to take the friendlier version.
+def written(folder: Path, scratch: Path, *, wrench: bool = False) -> Path:
+    """The experiment file of a recording, written into an empty folder with all that it names;
+    arguments as of :func:`identified`.
     """
     about = read_description(folder)
     own = scratch / "recording"
@@ -123,7 +118,20 @@ def identified(folder: Path, method: str, scratch: Path, *, wrench: bool = False
     (scratch / "robot.yaml").write_text(robot, encoding="utf-8")
     document = {"format": "steelyard/1", "name": about["recording"], "robot": "robot.yaml", **made}
     (scratch / "experiment.yaml").write_text(json.dumps(document), encoding="utf-8")
-    estimate = identify(read_experiment(scratch / "experiment.yaml"), [method]).estimate
+    return scratch / "experiment.yaml"
+
+
+def identified(folder: Path, method: str, scratch: Path, *, wrench: bool = False) -> dict[str, Any]:
+    """The result of one of steelyard's methods.
+
+    Args:
+        folder: Of the recording.
+        method: Name.
+        scratch: Empty folder for its files.
+        wrench: Whether to take the friendlier version.
+    """
+    experiment = read_experiment(written(folder, scratch, wrench=wrench))
+    estimate = identify(experiment, [method]).estimate
     value, covariance = np.array(estimate.value), np.array(estimate.covariance)
     return {
         "value": value,

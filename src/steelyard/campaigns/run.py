@@ -108,7 +108,7 @@ def campaign(
         out: Folder for the table, the page and all results; new, or of a campaign.
         methods: Names of estimators, as in :func:`steelyard.identify`; none: the default ones.
         jobs: Processes on this machine; None: as many as it has cores.
-        client: Of Dask (:class:`distributed.Client`): work on its cluster instead.
+        client: Of Dask (``distributed.Client``): work on its cluster instead.
         verb: ``identify`` or ``inspect``.
         reports: Whether to write a report beside each estimate.
         table: ``postgresql://USER@HOST:PORT/DATABASE``, with ``#TABLE`` behind it where it is not

@@ -25,6 +25,7 @@ from steelyard.inertia import Inertia, body_jacobian
 from steelyard.natural_frequencies.information import check_predictable, frequency_information
 
 _TURNS = 40
+"""Evaluations after which a search from one beginning that goes astray ends."""
 _BELOW = (0.2, -0.1)
 _GYRATION = (0.5, 0.25)
 """Depths of centres of gravity and radii of gyration to begin with, in radii of the platform."""
@@ -33,6 +34,7 @@ _WIDE = 10.0
 _CANNOT_HANG = 1e6
 """Residual of a body that cannot hang as the rows say."""
 _SMALL = 1e-6
+"""Steps of the derivatives of frequencies by the nine numbers, which are of order one."""
 
 
 class _Found(NamedTuple):

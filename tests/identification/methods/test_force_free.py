@@ -16,6 +16,8 @@ from steelyard.identification.methods.maximum_likelihood import MaximumLikelihoo
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.inertia import BODY_PARAMETERS
 
+pytestmark = pytest.mark.integration
+
 
 def truth_of(body):
     return PerMass.of(body.body_parameters, np.zeros((10, 10))).value

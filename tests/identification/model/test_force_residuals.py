@@ -789,6 +789,7 @@ def test_they_follow_the_motion_as_differences_do(stretching):
     assert_derivatives(along, expected)
 
 
+@pytest.mark.integration
 def test_they_follow_body_and_systematic_errors_as_differences_do(stretching):
     found, at = stretching
     by_border = np.zeros((*at.values.shape, 10 + len(found.calibration_parameters)))

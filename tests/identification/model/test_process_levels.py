@@ -100,6 +100,7 @@ def recorded(seed, *processes):
     return sum(walk(rng, *each, 3) for each in processes) + NOISE * rng.normal(size=(len(TIMES), 3))
 
 
+@pytest.mark.integration
 def test_level_and_time_are_those_of_the_full_likelihood():
     readings = recorded(3, (0.5, 0.8))
     own = disturbed(FIRST)
@@ -165,6 +166,7 @@ def prior():
     return np.eye(2) / PRIOR**2, np.zeros(2)
 
 
+@pytest.mark.integration
 def test_parameters_beside_them_are_integrated_out():
     # What the parameters do is no process, however wrong they are.
     readings = recorded(7, (0.4, 0.8)) + np.outer(SHAPE, [6.0, -4.0, 0.0])

@@ -42,6 +42,7 @@ def recording(seed, **instruments):
     return replace(whole, runs=(replace(run, streams=streams),))
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(("instruments", "distance", "angle"), SETS.values(), ids=SETS)
 def test_poses_are_near_those_of_the_motion(instruments, distance, angle):
     experiment = recording(2, **instruments)

@@ -7,6 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.identification.verdict.swinging import likeliest_swing
 
+pytestmark = pytest.mark.integration
+
 GRAVITY = np.array([0.0, 0.0, -9.81])
 TIMES = np.arange(0.0, 20.0, 0.02)
 TURNED = Rotation.from_rotvec(0.2 * np.sin(np.outer(TIMES, [0.9, 1.1, 0.7])))

@@ -32,6 +32,7 @@ def pictures(found):
     ]
 
 
+@pytest.mark.integration
 def test_seconds_are_across(pictures):
     assert pictures
     for figure in pictures:

@@ -21,6 +21,7 @@ _PER_THREAD = 3
 """Tasks under way for each thread of the cluster: workers do not wait for the client, and the
 scheduler holds few."""
 _FEWEST = 4
+"""Tasks under way where the cluster tells no threads yet."""
 _ALONE = threading.Lock()
 """Of a worker process: buffers of the compiled equations are shared by its threads."""
 

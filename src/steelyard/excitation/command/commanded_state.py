@@ -26,6 +26,7 @@ COMMAND = 3 * COORDINATES
 COMMAND_WITH_JERK = 4 * COORDINATES
 """The same with the third time derivative."""
 _ORDERS = 4
+"""A pose and its first three time derivatives."""
 
 
 def motion_of(command: Symbol) -> tuple[Symbol, Symbol, Symbol, Symbol]:

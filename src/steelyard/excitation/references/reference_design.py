@@ -50,6 +50,7 @@ USUAL_SIGMA = 0.01
 USUAL_REST = 9
 """Poses at rest in which it is carried: the middle and the corners of the workspace."""
 _MOST_REST = 100
+"""Poses at rest of one reference: more than anybody drives to."""
 
 
 @dataclass(frozen=True, eq=False)

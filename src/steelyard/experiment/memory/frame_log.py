@@ -20,6 +20,7 @@ Frame: TypeAlias = Any
 :class:`.Stream`."""
 
 _NANOSECONDS = 1_000_000_000
+"""In a second."""
 _KINDS = "a frame of Polars or pandas, a mapping of names to arrays, or a structured array of NumPy"
 
 

@@ -27,6 +27,7 @@ from steelyard.identification.verdict.settings import VerdictSettings
 from steelyard.inertia import TEN, Inertia, body_jacobian
 
 _FOLDS = 5
+"""Of the cross-validation that chooses the weight; the usual number."""
 _WEIGHTS = np.concatenate([[0.0], np.geomspace(0.01, 1000.0, 16)])
 """Candidate weights of the pull towards the nominal body, in the unit of the objective."""
 _TOO_MUCH = 1e-3

@@ -237,6 +237,7 @@ _FORCE_OFFSET = np.arange(4, 7)  # divided by the mass
 _MOMENTS = np.arange(7, 13)  # about the platform origin
 _TORQUE_OFFSET = np.arange(13, 16)
 _UNKNOWNS = 16
+"""Of both steps together."""
 
 
 class _Unknown(NamedTuple):

@@ -44,6 +44,7 @@ _ROTATION_SIGMAS = ("sigma_rx", "sigma_ry", "sigma_rz")
 RATE = 100.0
 """At which it is written [Hz]."""
 _AT_ONCE = 2048
+"""Instants whose covariance is held at once, which bounds the memory."""
 
 
 @dataclass(frozen=True, eq=False)

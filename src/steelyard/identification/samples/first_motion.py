@@ -56,6 +56,7 @@ _REACH, _TURN = 5.0, 0.5
 _VERTICAL = 0.7
 """Part of the tensions that carries weight, roughly."""
 _ITERATIONS = 80
+"""After which a search that goes astray ends."""
 _SETTLED = 1e-4
 """Relative decrease of the cost at which it has arrived."""
 _DAMPING = (1e-2, 1e-9, 1e8)

@@ -10,6 +10,7 @@ from steelyard.identification.samples.preparation import Samples
 from steelyard.instruments import Quantity
 
 _TYPICAL_SIZE = 1e-12
+"""Of readings that are all zero or missing, so that their noise is no zero [N]."""
 _LEAST_NOISE = 1e-3
 """Of force readings whose noise is not stated, as a part of the largest: no sensor is described
 better."""

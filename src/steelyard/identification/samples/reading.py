@@ -177,6 +177,7 @@ class RunReader:
 
 
 _HANGING_STEPS = 12
+"""Newton steps to the pose in which the platform hangs at rest."""
 _SMALL_STEP = 1e-4
 """In time, over which the velocity of a lever is found [s]."""
 _EDGE = 1e-4
