@@ -6,7 +6,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from steelyard.robot.file import read_robot
-from steelyard.robot.surroundings import air_wrench, attached_wrench, hose_wrench, middle_of
+from steelyard.robot.surroundings import (
+    air_wrench,
+    attached_wrench,
+    hose_wrench,
+    middle_of,
+    swivel_wrench,
+)
 
 ROBOT = read_robot("cogiro")
 POSITION, TURNED = np.array([0.4, -0.3, 1.7]), Rotation.from_rotvec([0.2, -0.1, 0.4])
@@ -91,3 +97,36 @@ def test_the_middle_is_below_the_anchors():
     middle = middle_of(ROBOT)
     assert middle[2] < ROBOT.anchors[:, 2].min()
     np.testing.assert_allclose(middle[:2], ROBOT.anchors[:, :2].mean(axis=0))
+
+
+def rubbing(velocity, omega, friction):
+    rotation = ca.DM(TURNED.as_matrix())
+    state = (ca.DM(POSITION), rotation, ca.DM(velocity), ca.DM(omega))
+    return numbers(swivel_wrench(ROBOT, *state, ca.DM(friction)))
+
+
+def test_a_swivel_takes_power_as_its_cable_turns():
+    friction = np.linspace(0.1, 0.8, ROBOT.m)
+    velocity, omega = np.array([0.8, -0.5, 0.3]), np.array([0.2, 0.5, -0.4])
+    found = rubbing(velocity, omega, friction)
+    power = found[:3] @ TURNED.inv().apply(velocity) + found[3:] @ omega
+    # How fast each cable turns, by differences of its direction.
+    step = 1e-6
+
+    def directions(time):
+        turned = TURNED * Rotation.from_rotvec(time * omega)
+        along = (
+            ROBOT.anchors - POSITION - time * velocity - turned.apply(np.array(ROBOT.attachments))
+        )
+        return along / np.linalg.norm(along, axis=1)[:, None]
+
+    rate = np.linalg.norm(directions(step) - directions(-step), axis=1) / (2 * step)
+    assert power == pytest.approx(-friction @ rate, rel=1e-3)
+    # Dry: no more at twice the speed.
+    np.testing.assert_allclose(
+        rubbing(2 * velocity, 2 * omega, friction), found, rtol=2e-3, atol=1e-4
+    )
+
+
+def test_a_swivel_at_rest_does_not_push():
+    np.testing.assert_array_equal(rubbing(np.zeros(3), np.zeros(3), np.ones(ROBOT.m)), np.zeros(6))

@@ -13,6 +13,8 @@ _AIR = 1.2
 """Density [kg/m^3]."""
 _TAUT = 0.01
 """Length within which a hose becomes taut, so that its pull follows smoothly [m]."""
+_STICKING = 5e-3
+"""Speed below which bearings and knots that turn to and fro give way, rather than slip [m/s]."""
 HOSE = (("at", 3), ("to", 3), ("force", 1), ("stiffness", 1), ("free", 1))
 """What :func:`hose_wrench` takes of a hose, and how many numbers."""
 _SLOWEST = 1e-3
@@ -115,3 +117,39 @@ def damping_wrench(
         turning: Torque over angular velocity [N m s].
     """
     return -ca.vertcat(moving * (rotation.T @ velocity), turning * omega)
+
+
+def swivel_wrench(
+    robot: Robot,
+    position: Symbol,
+    rotation: Symbol,
+    velocity: Symbol,
+    omega: Symbol,
+    friction: Symbol,
+) -> Symbol:
+    """Wrench on a platform that swings, of dry friction where its cables turn about their anchors:
+    in the bearings of rollers that swivel, in knots and strands that bend; in P [N], [N m], shape
+    (6,).
+
+    A torque that does not depend on how fast a cable turns pulls across it at its attachment, against
+    the motion there.
+
+    Args:
+        robot: With m cables, taken as straight.
+        position: Of the platform origin, world frame [m], shape (3,).
+        rotation: R_world_platform, shape (3, 3).
+        velocity: Of the platform origin, world frame [m/s], shape (3,).
+        omega: Angular velocity, platform frame [rad/s], shape (3,).
+        friction: Torque at each anchor [N m], shape (m,).
+    """
+    wrench = ca.SX.zeros(6)
+    for i in range(robot.m):
+        attachment = ca.DM(robot.attachments[i])
+        along = rotation.T @ (ca.DM(robot.anchors[i]) - position) - attachment
+        length = ca.norm_2(along)
+        moving = rotation.T @ velocity + ca.cross(omega, attachment)
+        across = moving - along * ca.dot(along, moving) / length**2
+        speed = ca.sqrt(ca.sumsqr(across) + _STICKING**2)
+        force = -friction[i] / length * across / speed
+        wrench += ca.vertcat(force, ca.cross(attachment, force))
+    return wrench

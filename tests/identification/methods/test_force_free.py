@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from laboratory_swings import Laboratory, record
 from mujoco_swings import swings
 from simulated import sound
 
@@ -11,6 +12,7 @@ from steelyard.errors import InputError
 from steelyard.estimates.per_mass import PerMass
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.force_free import ForceFree
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.inertia import BODY_PARAMETERS
 
@@ -98,3 +100,23 @@ def test_maximum_likelihood_of_swings_in_mujoco(m):
     assert scaled @ np.linalg.solve(correlation, scaled) / 9 < 2.5
     assert np.abs(off[:3]).max() < 4e-3
     assert np.abs(off[3:6] / per_mass.value[3:6]).max() < 0.03
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "real",
+    [
+        {"swivel": 0.1},
+        {"noise_stated": False, "lost": 2.0, "jumps": 1.0, "marker": (0.02, 0.03), "jitter": 5e-4},
+    ],
+)
+def test_swings_as_a_laboratory_records_them(real):
+    recorded = record(Laboratory(cables=3, runs=4, **real), [77, 3, 0])
+    found = MaximumLikelihood()(recorded.experiment)
+    assert found.verdict.accepted, found.verdict.reasons
+    assert not any("nothing that forces and motion tell" in note for note in found.notes)
+    scaled = found.per_mass.value - truth_of(recorded.body)
+    covariance = found.per_mass.covariance
+    sigma = np.sqrt(np.diag(covariance))
+    chi = scaled / sigma @ np.linalg.solve(covariance / np.outer(sigma, sigma), scaled / sigma)
+    assert chi / 9 < 2.5

@@ -31,6 +31,13 @@ def test_the_scatter_of_rotations_is_that_of_the_rotation_vector(rng):
     assert scatter(TIME, matrices, START, END, SPACING) == pytest.approx(2e-3, rel=0.05)
 
 
+def test_gaps_longer_than_knots_leave_the_scatter_as_it_is(rng):
+    values = smooth(TIME) + 1e-3 * rng.standard_normal((len(TIME), 3))
+    there = np.all([abs(TIME - middle) > 1.0 for middle in (2.5, 7.0)], axis=0)
+    found = scatter(TIME[there], values[there], START, END, SPACING)
+    assert found == pytest.approx(1e-3, rel=0.05)
+
+
 def test_two_samples_have_no_scatter():
     assert scatter(TIME[:2], smooth(TIME[:2]), START, END, SPACING) is None
 

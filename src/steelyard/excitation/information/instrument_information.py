@@ -198,7 +198,7 @@ def _of_forces(expressions: _RunExpressions, readings: ForceReadings) -> Instrum
     instrument, robot = expressions.experiment.instruments[name], expressions.experiment.robot
     cables = {**expressions.geometry, "tension": expressions.tension} if robot.m else {}
     pose, rate, acceleration, _ = expressions.motion
-    found = derivatives_of_balance(robot, len(expressions.experiment.surroundings.attached)).at(
+    found = derivatives_of_balance(robot, *expressions.calibration.pulling).at(
         pose=pose,
         rate=rate,
         acceleration=acceleration,
@@ -208,6 +208,7 @@ def _of_forces(expressions: _RunExpressions, readings: ForceReadings) -> Instrum
         attached=ca.DM(expressions.calibration.of_robot(*ATTACHED)),
         air=ca.DM(expressions.calibration.of_robot(*AIR)),
         hoses=ca.DM(expressions.calibration.hoses),
+        swivel=ca.DM(expressions.calibration.swivel),
         **cables,
     )
     unknown = "tension" if robot.m else "wrench"

@@ -367,8 +367,7 @@ def balance_at(
         factors: Quantity -> by how much its noise exceeds what the readings say.
     """
     times, local, inputs = moving
-    hoses = len(experiment.surroundings.attached)
-    motion = motion_and_wrench(experiment.robot, hoses)(**inputs)
+    motion = motion_and_wrench(experiment.robot, *calibration.pulling)(**inputs)
     needed = motion.pop("wrench")
     motion |= _remembered(experiment, segment, force_samples, calibration, motion)
     told = undisturbed(segment, force_samples, local)
@@ -429,6 +428,7 @@ def moving_body(
         "attached": calibration.of_robot(*ATTACHED),
         "air": calibration.of_robot(*AIR),
         "hoses": calibration.hoses,
+        "swivel": calibration.swivel,
     }
 
 
@@ -518,6 +518,5 @@ def regressor_at(
         calibration: Present values of the calibration parameters.
     """
     inputs = moving_body(segment, segment.basis(times), calibration, np.zeros(TEN))
-    hoses = len(experiment.surroundings.attached)
-    motion = motion_and_wrench(experiment.robot, hoses)(**inputs)
+    motion = motion_and_wrench(experiment.robot, *calibration.pulling)(**inputs)
     return platform_regressor(motion["specific_force"], motion["omega"], motion["alpha"])

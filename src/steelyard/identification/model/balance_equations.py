@@ -30,6 +30,7 @@ from steelyard.robot.surroundings import (
     damping_wrench,
     hose_wrench,
     middle_of,
+    swivel_wrench,
 )
 
 _MOTION = ("position", "rotation", "velocity", "omega", "alpha", "specific_force")
@@ -52,9 +53,11 @@ class _MovingBody(NamedTuple):
     """Drag and damping, each of moving and of turning, shape (4,)."""
     hoses: Symbol
     """Those that are stated, shape (9 h,)."""
+    swivel: Symbol
+    """Friction where cables turn about their anchors, shape (m,), or (0,): none."""
 
     @classmethod
-    def new(cls, hoses: int) -> _MovingBody:
+    def new(cls, hoses: int, swivels: int) -> _MovingBody:
         sizes = {
             "pose": 7,
             "rate": 7,
@@ -65,6 +68,7 @@ class _MovingBody(NamedTuple):
             "attached": sum(size for _, size in ATTACHED),
             "air": sum(size for _, size in AIR),
             "hoses": hoses * _PER_HOSE,
+            "swivel": swivels,
         }
         return cls(**{name: ca.SX.sym(name, size) for name, size in sizes.items()})
 
@@ -87,6 +91,15 @@ class _MovingBody(NamedTuple):
         needed -= air_wrench(*speeds, self.air[0], self.air[1])
         return needed - damping_wrench(*speeds, self.air[2], self.air[3])
 
+    def rubbing(self, robot: Robot) -> Symbol:
+        """What friction where cables turn about their anchors does to the platform."""
+        if not self.swivel.numel():
+            return ca.SX.zeros(6)
+        own = self.state
+        return swivel_wrench(
+            robot, own.position, own.rotation, own.velocity, own.omega, self.swivel
+        )
+
 
 class _Geometry(NamedTuple):
     """Where the cables are fixed, as symbols."""
@@ -100,12 +113,13 @@ class _Geometry(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def motion_and_wrench(heavy: Robot, hoses: int = 0) -> Batched:
+def motion_and_wrench(heavy: Robot, hoses: int = 0, swivels: int = 0) -> Batched:
     """Motion, and the wrench that moves the body, drags the cables and withstands hoses and air."""
-    body = _MovingBody.new(hoses)
+    body = _MovingBody.new(hoses, swivels)
     state = body.state
     motion = {name: ca.densify(ca.SX(getattr(state, name))) for name in _MOTION}
-    return Batched("moved", body._asdict(), {"wrench": body.wrench(heavy), **motion})
+    wrench = body.wrench(heavy) - body.rubbing(heavy)
+    return Batched("moved", body._asdict(), {"wrench": wrench, **motion})
 
 
 def _dragged(robot: Robot, state: State, gravity: Symbol) -> Symbol:
@@ -139,12 +153,12 @@ def taut_structure(robot: Robot) -> Batched:
 
 
 @lru_cache(maxsize=16)
-def derivatives_of_balance(heavy: Robot, hoses: int = 0) -> Batched:
+def derivatives_of_balance(heavy: Robot, hoses: int = 0, swivels: int = 0) -> Batched:
     """Of the wrench of the cables less what moves the body, by everything; sag is of no account for
-    these.
+    these, and how friction follows the pose.
     """
     robot = heavy.with_straight_cables()
-    body, fixed = _MovingBody.new(hoses), _Geometry.of(robot)
+    body, fixed = _MovingBody.new(hoses, swivels), _Geometry.of(robot)
     tension = ca.SX.sym("tension", robot.m)
     state = body.state
     wrench = cable_wrench(robot, state.position, state.rotation, tension, *fixed)
@@ -152,7 +166,12 @@ def derivatives_of_balance(heavy: Robot, hoses: int = 0) -> Batched:
     by = body._asdict()
     if robot.m:
         by |= {"anchor": ca.vec(fixed.anchors), "attachment": ca.vec(fixed.attachments)}
-    outputs = {f"by_{key}": ca.densify(ca.jacobian(wrench, each)) for key, each in by.items()}
+    outputs = {f"by_{key}": ca.jacobian(wrench, each) for key, each in by.items()}
+    for key in ("rate", "swivel"):
+        outputs[f"by_{key}"] += ca.jacobian(body.rubbing(robot), by[key])
+    # Derivatives by many things have much in common.
+    shared = ca.cse([ca.densify(each) for each in outputs.values()])
+    outputs = dict(zip(outputs, shared, strict=True))
     if not robot.m:
         return Batched("derivatives", body._asdict(), outputs)
     return _batched("derivatives", {**body._asdict(), "tension": tension}, fixed, outputs)

@@ -50,6 +50,9 @@ DAMPING = (("damping.moving", 1), ("damping.turning", 1))
 """The same of what decays swings, see :func:`steelyard.robot.surroundings.damping_wrench`."""
 AIR = (("drag.area", 1), ("drag.turning", 1), *DAMPING)
 """And of the air, see :func:`steelyard.robot.surroundings.air_wrench`."""
+SWIVEL = "swivel.friction"
+"""Key of the friction where cables turn about their anchors, see
+:func:`steelyard.robot.surroundings.swivel_wrench`."""
 _FRAME = 1e-6
 """1-sigma of frames that a calibration has defined [m]."""
 LOAD = "load"
@@ -61,6 +64,9 @@ _EXACT_PART = 1e-6
 _DECAY = 0.2
 """1-sigma of the rate at which swings decay where no force is read [1/s]: two per cent of critical
 damping at a hertz."""
+_RUBBING = 0.005
+"""1-sigma of the torque of dry friction at an anchor over the tension of its cable [m]: plain bearings
+of some centimetres, stiff ropes."""
 _PULL = 0.004
 """1-sigma of the force of a hose, as a part of all tensions; of its stiffness the same over a metre."""
 _BLUFF = 3.0
@@ -363,6 +369,19 @@ class CalibrationValues:
         )
 
     @property
+    def swivel(self) -> Array:
+        """Friction where cables turn about their anchors [N m], shape (m,); (0,) where forces are
+        read, beside which it is of no account.
+        """
+        place = self.calibration_parameters.places.get((ROBOT, SWIVEL, None))
+        return np.zeros(0) if place is None else self.values[place]
+
+    @property
+    def pulling(self) -> tuple[int, int]:
+        """Number of hoses that are stated, and of anchors at which cables rub."""
+        return len(self.hoses) // sum(size for _, size in HOSE), len(self.swivel)
+
+    @property
     def gravity(self) -> Array:
         """World frame [m/s^2], shape (3,)."""
         return self.values[self.calibration_parameters.places[ROBOT, "gravity", None]]
@@ -552,6 +571,9 @@ def _surroundings(experiment: Experiment) -> Iterator[CalibrationParameter]:
         damping = _DECAY * experiment.known["mass"][0]
         for (key, _), arm in zip(DAMPING, (1.0, size**2), strict=True):
             stated[key] = (0.0, damping * arm)
+        m = experiment.robot.m
+        rubs = np.full(m, _RUBBING * _usual_tensions(experiment) / m)
+        yield CalibrationParameter(ROBOT, SWIVEL, None, "N m", np.zeros(m), rubs)
     for (key, count), unit, suspected in zip((*ATTACHED, *AIR), units, sizes, strict=True):
         if key in stated:
             mean, sigma = (np.full(count, value) for value in stated[key])

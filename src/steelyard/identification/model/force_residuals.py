@@ -33,6 +33,7 @@ from steelyard.identification.model.calibration_parameters import (
     ATTACHED,
     DRAG,
     ROBOT,
+    SWIVEL,
     CalibrationValues,
     hose_keys,
 )
@@ -198,6 +199,10 @@ def whitened_balance(
     )
     if force_samples.unmodelled is None:
         return WhitenedBalance(at, root, (rows,))
+    if force_samples.guessed.all():
+        # No reading is corrected: all of it is the unmodelled wrench.
+        own = replace(rows, label=segment.label(ROBOT, UNMODELLED))
+        return WhitenedBalance(at, root, (own,))
     return WhitenedBalance(at, root, tuple(_by_origin(rows, at, segment)))
 
 
@@ -221,9 +226,7 @@ def _point_of(
         at,
         moving.local,
         motion_at(moving.local, segment.coefficients),
-        derivatives_of_balance(experiment.robot, len(experiment.surroundings.attached))(
-            **moving.inputs, **cables
-        ),
+        derivatives_of_balance(experiment.robot, *calibration.pulling)(**moving.inputs, **cables),
     )
 
 
@@ -444,6 +447,9 @@ def _terms_of_readings(point: _BalancePoint, values: Array) -> _ByParameters:
         values: Tensions or wrench, shape (n, k).
     """
     at, instrument, run = point.at, point.instrument, point.segment.run
+    if not instrument.terms(point.experiment.robot.m):
+        # Cables that nobody reads have no errors.
+        return
     name, robot = point.force_samples.name, point.experiment.robot
     parameters = point.calibration.calibration_parameters
     unknown = at.measured.quantity
@@ -484,7 +490,14 @@ def _by_robot(point: _BalancePoint) -> _ByParameters:
     if load is not None:
         yield load, point.derivatives["by_parameters"]
     hoses = hose_keys(point.calibration.calibration_parameters)
-    for name, parts in (("by_attached", ATTACHED), ("by_air", AIR), ("by_hoses", hoses)):
+    swivels = ((SWIVEL, point.calibration.swivel.size),) if point.calibration.swivel.size else ()
+    beside = (
+        ("by_attached", ATTACHED),
+        ("by_air", AIR),
+        ("by_hoses", hoses),
+        ("by_swivel", swivels),
+    )
+    for name, parts in beside:
         column = 0
         for key, size in parts if point.experiment.robot.m or parts is hoses else ():
             derivative = point.derivatives[name][:, :, column : column + size]
@@ -574,16 +587,19 @@ def tally_forces(
     near = used_at_all & (size <= limit(6) * max(1.0, usual))
     farthest = float(np.max(size, where=used_at_all, initial=0.0)) / max(1.0, usual)
     rarest = float(chi2_tail(farthest**2, 6))
+    # What touched the platform has a note of its own.
+    free = ~force_samples.touched
     correction, decided = at.correction, at.noise.decided
     for quantity, own in force_samples.places.items():
         used = ~force_samples.left_out[:, own]
         label = segment.label(force_samples.name, quantity)
         _count(tally, label, correction[:, own] * used, decided[:, own] * used, weight, near)
-        tally.far[label] += int(np.sum(~used))
+        tally.far[label] += int(np.sum(~near & free)) + int(np.sum(~used & free[:, None]))
         tally.see(label, rarest)
     if force_samples.unmodelled is not None:
         label, rest = segment.label(ROBOT, UNMODELLED), at.noise.readings
         _count(tally, label, correction[:, rest:], decided[:, rest:], weight, near)
+        tally.far[label] += int(np.sum(~near & free))
     tally.cost += float(np.sum(size**2 * weight * (2 - weight)))
 
 
@@ -599,7 +615,7 @@ def _count(
     square, count = np.sum(correction**2, axis=1), np.sum(decided, axis=1)
     tally.square[label] = tally.square.get(label, 0.0) + float(np.sum(square[near]))
     tally.count[label] = tally.count.get(label, 0.0) + float(np.sum(count[near]))
-    tally.far[label] = tally.far.get(label, 0) + int(np.sum(~near))
+    tally.far.setdefault(label, 0)
     whole, numbers = tally.held.get(label, (0.0, 0.0))
     tally.held[label] = (
         whole + float(square @ weight**2),

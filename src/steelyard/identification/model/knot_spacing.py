@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -125,7 +126,16 @@ def best_spacing(
 
 
 def _integral(grid: Array, order: int) -> Array:
-    """Matrix of the integral of a squared derivative, lower banded form, shape (6, f)."""
+    """Matrix of the integral of a squared derivative, lower banded form, shape (6, f); runs that are
+    alike have the same knots.
+    """
+    return _integral_of(grid.tobytes(), order)
+
+
+@lru_cache(maxsize=64)
+def _integral_of(knots_in_bytes: bytes, order: int) -> Array:
+    """The same of knots that can be compared."""
+    grid = np.frombuffer(knots_in_bytes)
     inner = grid[DEGREE : len(grid) - DEGREE]
     nodes, weights = np.polynomial.legendre.leggauss(DEGREE - order + 1)
     half = np.diff(inner) / 2
@@ -147,7 +157,9 @@ def _integral(grid: Array, order: int) -> Array:
         )
         derivative = csr_array(derivative @ differences)
     weighted = csr_array(derivative.multiply(root[:, None]))
-    return _band(weighted.T @ weighted)
+    band = _band(weighted.T @ weighted)
+    band.flags.writeable = False
+    return band
 
 
 def _band(matrix: csr_array) -> Array:

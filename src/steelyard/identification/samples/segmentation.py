@@ -61,14 +61,33 @@ def scatter(
     spacing: float,
     settings: MotionSettings = MOTION,
 ) -> float | None:
-    """1-sigma of samples about their own spline; None where they do not determine one."""
+    """1-sigma of samples about their own spline; None where they do not determine one, not even between
+    their gaps.
+    """
     flat = values.reshape(len(values), -1)
-    fitted = fit(Samples1D(time, flat), start, end, spacing, robust=True) if len(time) else None
-    if fitted is None:
+    whole = fit(Samples1D(time, flat), start, end, spacing, robust=True) if len(time) else None
+    sigma = whole.sigma if whole is not None else _between_gaps(time, flat, spacing)
+    if sigma is None:
         return None
     # Nine elements of a rotation matrix scatter by sqrt(6 / 9) of the rotation vector.
     scale = np.sqrt(1.5) if values.ndim == 3 else 1.0
-    return max(fitted.sigma * scale, least_noise(values, settings))
+    return max(sigma * scale, least_noise(values, settings))
+
+
+def _between_gaps(time: Array, values: Array, spacing: float) -> float | None:
+    """1-sigma of samples about splines of their own between gaps that a spline of this spacing does
+    not bridge; None where they do not determine any.
+    """
+    square, count = 0.0, 0
+    for start, end in _unbroken(time, spacing) if len(time) else ():
+        own = (time >= start) & (time <= end)
+        if end - start <= spacing:
+            continue
+        fitted = fit(Samples1D(time[own], values[own]), start, end, spacing, robust=True)
+        if fitted is not None:
+            square += int(own.sum()) * fitted.sigma**2
+            count += int(own.sum())
+    return float(np.sqrt(square / count)) if count else None
 
 
 def least_noise(values: Array, settings: MotionSettings = MOTION) -> float:

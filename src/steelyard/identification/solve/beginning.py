@@ -5,7 +5,7 @@ body.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,6 +108,8 @@ class Beginning:
     """With a first body, told in the time of the forces."""
     lost: Sequence[str]
     """Notes of instruments that have lost the motion."""
+    touched: Mapping[str, Sequence[tuple[float, float]]] = field(default_factory=dict)
+    """Run -> stretches in which a hand touched the platform, which are left out [s]."""
 
 
 def read(
@@ -438,7 +440,7 @@ def first_body(
                 at.motion["specific_force"], at.motion["omega"], at.motion["alpha"]
             )
             residual = at.residual
-            weight = sample_weight(residual)
+            weight = sample_weight(residual) * ~forces.touched
             A = -at.whitener @ regressor
             normal += np.einsum("nki,n,nkj->ij", A, weight, A, optimize=True)
             right += np.einsum(

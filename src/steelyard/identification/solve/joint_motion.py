@@ -31,6 +31,7 @@ from steelyard.identification.solve.fit_state import FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.coherence import coherence
 from steelyard.identification.solve.misfits.disturbances import as_noise, with_disturbances
+from steelyard.identification.solve.misfits.hands import touching, without
 from steelyard.identification.solve.misfits.jitter import with_jitter, with_jitter_found
 from steelyard.identification.solve.misfits.outliers import look
 from steelyard.identification.solve.misfits.suspicions import with_suspicions
@@ -98,11 +99,13 @@ def fit_readings(readings: Readings, begun: Beginning, tell: Tell) -> Fitted:
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
+    readings, begun = _without_hands(readings, begun)
     found = _fitted(readings, begun, tell, {})
     if vibrations := _vibrations(readings, found):
         tell("following a vibration", 0.4)
         readings = _finer(readings, vibrations)
         begun = with_body(readings, _again(readings, found, vibrations))
+        readings, begun = _without_hands(readings, begun)
         found = _fitted(readings, begun, tell, vibrations)
     tell("what nothing explains", 0.8)
     for turn in range(_EXPLANATIONS):
@@ -115,6 +118,41 @@ def fit_readings(readings: Readings, begun: Beginning, tell: Tell) -> Fitted:
             break
     # Gains that were far off then have stretched cables by what they do not.
     return _seen_with_tensions(found, _SAME_TENSION)
+
+
+def _without_hands(readings: Readings, begun: Beginning) -> tuple[Readings, Beginning]:
+    """Readings and first body without what a hand does to a platform whose cables nobody reads."""
+    touched: dict[str, list[tuple[float, float]]] = {}
+    for _ in range(readings.settings.hand_turns):
+        state = begun.state
+        assert state.parameters is not None
+        found = iter(state.segments)
+        changed, records = False, []
+        for record in readings.records:
+            force_samples = []
+            for forces in record.force_samples:
+                segment = next(found)
+                at = balance_of(
+                    readings.experiment,
+                    segment,
+                    forces,
+                    state.calibration,
+                    state.parameters,
+                    state.factors,
+                )
+                hands = () if segment.static else touching(at, forces, readings.settings)
+                cut = without(forces, at, hands)
+                if hands and cut.touched.mean() < readings.settings.most_touched:
+                    touched.setdefault(segment.run, []).extend(hands)
+                    changed, forces = True, cut
+                force_samples.append(forces)
+            records.append(replace(record, force_samples=tuple(force_samples)))
+        if not changed:
+            break
+        readings = replace(readings, records=tuple(records))
+        anew = replace(begun, state=replace(state, parameters=None))
+        begun = replace(with_body(readings, anew), touched=touched)
+    return readings, begun
 
 
 def _finer(readings: Readings, vibrations: Mapping[str, _Vibration]) -> Readings:
@@ -252,7 +290,10 @@ def _joined(
     other: Mapping[str, Sequence[tuple[float, float]]],
 ) -> dict[str, list[tuple[float, float]]]:
     """Contacts of both, run by run."""
-    return {run: [*one.get(run, ()), *other.get(run, ())] for run in {**one, **other}}
+    return {
+        run: list(dict.fromkeys([*one.get(run, ()), *other.get(run, ())]))
+        for run in {**one, **other}
+    }
 
 
 def _touched(fitted: Fitted, settings: FitSettings) -> tuple[Fitted, bool]:
@@ -304,7 +345,7 @@ def _cut(
     """
     settings = readings.settings
     force_samples = tuple(each for each in task.force_samples if each is not None)
-    contacts: dict[str, list[tuple[float, float]]] = {}
+    contacts = {run: list(each) for run, each in begun.touched.items()}
     spikes: dict[str, int] = {}
     for turn in range(settings.cuts):
         task = replace(task, force_samples=force_samples)

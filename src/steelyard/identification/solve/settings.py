@@ -118,6 +118,17 @@ class FitSettings:
     """That make a contact."""
     most_cut: float = 0.25
     """Part of a run beyond which contacts are not cut: what is the rule is no exception."""
+    hand_window: float = 0.25
+    """Over which the residual of a swing without force sensors is averaged [s]: shorter than a push,
+    longer than noise of the motion goes on."""
+    hand: float = 6.0
+    """That residual, in units of its median, that is a hand: swings make it up to 3."""
+    hand_around: float = 3.0
+    """The same before and after: a hand comes and goes softly."""
+    hand_turns: int = 3
+    """Times at most that hands are looked for, each about the body that the rest tells."""
+    most_touched: float = 0.5
+    """Part of a swing beyond which nothing is left out for a hand."""
     cuts: int = 4
     """Fits at most between which readings that stand out are left out."""
     lost_samples: int = 5

@@ -218,6 +218,10 @@ def _proposal(owner: str, key: str) -> str:
             "damping": (
                 "swings decay faster than is plausible; look for what rubs at cables or rollers"
             ),
+            "swivel": (
+                "swings decay by more friction than is plausible; look for what rubs at this cable's"
+                " anchor"
+            ),
             "drag": "the air seems to slow the platform; move it more slowly, or make it smaller",
             "anchor": "measure this anchor again, or state a larger 'uncertainty: {anchor: …}'",
             "attachment": (
