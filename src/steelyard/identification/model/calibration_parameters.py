@@ -681,15 +681,17 @@ def _suspected(experiment: Experiment, name: str, term: Term) -> float | None:
     """1-sigma of an error that is taken as none until the readings ask for it, in its unit."""
     if term.suspected is None or not term.of_reading:
         return term.suspected
-    return term.suspected * float(np.nanmedian(_sizes(experiment, name, term.of_reading)))
+    sizes = _sizes(experiment, name, term.of_reading)
+    # What nothing has been read of is under no suspicion.
+    return term.suspected * float(np.nanmedian(sizes)) if np.isfinite(sizes).any() else None
 
 
 def _sizes(experiment: Experiment, name: str, quantity: str) -> Array:
     """Of all readings of a quantity, and of those under dead weights where there are no others."""
-    readings = [
-        run.streams[name].values[quantity] for run in experiment.runs if name in run.streams
-    ] or [each.reading for each in experiment.weights if each.of == name]
-    return np.abs(np.concatenate(readings))
+    streams = [run.streams[name] for run in experiment.runs if name in run.streams]
+    readings = [each.values[quantity] for each in streams if quantity in each.values]
+    readings = readings or [each.reading for each in experiment.weights if each.of == name]
+    return np.abs(np.concatenate([np.zeros(0), *(each.ravel() for each in readings)]))
 
 
 def as_tree(
