@@ -691,7 +691,7 @@ def _sizes(experiment: Experiment, name: str, quantity: str) -> Array:
     streams = [run.streams[name] for run in experiment.runs if name in run.streams]
     readings = [each.values[quantity] for each in streams if quantity in each.values]
     readings = readings or [each.reading for each in experiment.weights if each.of == name]
-    return np.abs(np.concatenate([np.zeros(0), *(each.ravel() for each in readings)]))
+    return np.asarray(np.abs(np.concatenate([np.zeros(0), *(each.ravel() for each in readings)])))
 
 
 def as_tree(

@@ -289,11 +289,11 @@ def _moving(
                 ),
             )
             least_seen = least_noise(stream.values[use], settings)
-            finest = settings.finest_noise / settings.least_noise * least_seen
+            least_stated = settings.finest_noise / settings.least_noise * least_seen
             sigma = (
                 float(
                     np.hypot(
-                        max(stream.sigma, finest),
+                        max(stream.sigma, least_stated),
                         unresolved(stream.disturbed, spacing, stream.step),
                     )
                 )
