@@ -1,3 +1,5 @@
+import pickle
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -141,3 +143,11 @@ def test_unequal_numbers_of_samples_are_refused():
 def test_a_wrong_shape_is_refused():
     with pytest.raises(ValueError):
         products()(**numbers(4) | {"v": np.zeros((4, 2))})
+
+
+def test_another_process_computes_the_same():
+    function, given = products(), numbers(300)
+    here = function(**given)
+    there = pickle.loads(pickle.dumps(function))(**given)
+    for name, value in here.items():
+        np.testing.assert_array_equal(there[name], value)

@@ -78,6 +78,10 @@ class Batched:
         shapes = (*self._in_shapes.values(), *self._out_shapes.values())
         self._numbers = sum(math.prod(shape) for shape in shapes)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What another process needs: memory stays here."""
+        return {**self.__dict__, "_idle": {}, "_last": None}
+
     @cached_property
     def _small(self) -> Symbol:
         """The function of a small block."""
