@@ -452,7 +452,8 @@ def test_the_verb_ends_with_3_where_one_experiment_fails_and_goes_on_then(data, 
     [(signal.SIGINT, 130), (signal.SIGTERM, 143)],
 )
 def test_an_interrupted_campaign_leaves_a_sound_table(number, status, data, out):
-    for i in range(20):
+    # So many that they take long, also where this process waits for its turn.
+    for i in range(100):
         shutil.copytree(data / "a", data / f"more-{i:02}")
     with subprocess.Popen(
         command(data, out, "--jobs", "1"), stderr=subprocess.PIPE, text=True
@@ -467,7 +468,7 @@ def test_an_interrupted_campaign_leaves_a_sound_table(number, status, data, out)
     assert said.count("\n") == 1
     assert "the same command goes on" in said
     table = pl.read_parquet(out / TABLE)
-    assert 1 <= len(table) < 23
+    assert 1 <= len(table) < 103
     assert not journal.exists()
 
 
