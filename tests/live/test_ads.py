@@ -4,6 +4,7 @@ values only to a client of the same process."""
 import socket
 import struct
 import time
+from contextlib import suppress
 from itertools import count
 
 import numpy as np
@@ -69,7 +70,16 @@ def begin(monkeypatch):
 
     yield start
     for each in running:
-        each.close()
+        ended(each)
+
+
+def ended(server):
+    """Close it. It waits for threads of its connections, which may never look whether they should
+    end; once there is nobody at the other end they do."""
+    for each in server.clients:
+        with suppress(OSError):
+            each.client.shutdown(socket.SHUT_RDWR)
+    server.close()
 
 
 def received(source, done, seconds=30.0):
@@ -94,7 +104,7 @@ def test_a_controller_that_goes_is_found_again(begin):
             write(turn + 0.1 * i + 0.01, i + 0.02, i + 0.03)
         arrivals, _ = received(source, lambda a, r: sum(len(each.stream) for each in a) >= 20)
         got += arrivals
-        server.close()
+        ended(server)
         _, remarks = received(source, lambda a, r: r)
         assert "connection lost" in remarks[0]
     source.close()

@@ -44,6 +44,26 @@ def test_what_few_cables_cannot_carry_is_left_to_the_unmodelled_wrench(m):
     assert noise.decided[:, m:].sum(axis=1) == pytest.approx(6 - m, abs=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("m", "unread"), [(2, []), (4, []), (5, []), (4, [1]), (5, [0, 3]), (3, [0, 1, 2])]
+)
+def test_a_white_wrench_that_no_cable_carries_takes_no_weight_from_the_readings(m, unread):
+    rng = np.random.default_rng(m)
+    structure, left_out = structures(rng, 5, m), np.isin(np.arange(m), unread)
+    across = UnmodelledWrench.of(structure, np.broadcast_to(np.eye(m), (5, m, m))).across
+    assert across @ structure == pytest.approx(0.0, abs=1e-9)
+    assert np.trace(across, axis1=1, axis2=2) == pytest.approx(6 - m)
+    sigmas, costs = np.full((5, m), 2.0), []
+    carried = np.einsum("nir,nr->ni", structure, rng.normal(size=(5, m)))
+    for level in (1e-3, 1.0, 1e3):
+        noise = BalanceNoise.of(structure, sigmas, across * level, left_out if unread else None)
+        decided = noise.decided
+        assert decided[:, :m].sum(axis=1) == pytest.approx(m - len(unread), abs=1e-4)
+        assert decided[:, m:].sum(axis=1) == pytest.approx(6 - m, abs=1e-4)
+        costs.append(np.sum(np.einsum("nij,nj->ni", noise.whitener, carried) ** 2))
+    assert costs == pytest.approx([costs[0]] * 3, rel=1e-4, abs=1e-4)
+
+
 def test_a_correction_is_the_least_that_balances():
     structure, noise = noise_of(4, 0.5)
     left_over = np.random.default_rng(1).normal(size=(len(structure), 6))

@@ -60,11 +60,14 @@ def test_one_that_is_stated_is_known():
     assert not list(of_disturbances(posterior(0.3, stated=True), VERDICT))
 
 
-def test_noise_that_a_wrench_takes_up_counts_as_noise(monkeypatch):
+@pytest.mark.parametrize(("wrench", "of_readings"), [(0.2, 0.0), (0.0, 0.2)])
+def test_noise_that_a_process_takes_up_counts_as_noise(monkeypatch, wrench, of_readings):
     # Half of the variance of the noise is in the process.
     at = SimpleNamespace(
         measured=SimpleNamespace(unmodelled=SimpleNamespace(wrench=np.eye(6)[None])),
-        disturbance=np.full((1, 6), 0.2),
+        disturbance=np.full((1, 6), wrench),
+        by_reading=np.eye(6)[None],
+        coloured=np.full((1, 6), of_readings),
         whitener=np.eye(6)[None] * np.sqrt(0.5) / 0.2,
     )
     monkeypatch.setattr(unmodelled, "balance_of", lambda *given: at)

@@ -70,6 +70,8 @@ class Forces:
     unmodelled: Array | None = None
     """1-sigma of the white part of the wrench that nothing explains, in units of its level [N],
     [N m], shape (6,); None: the readings explain every wrench within their noise."""
+    everywhere: bool = False
+    """Whether that is in all directions; else in those that no cable carries."""
     late: Array | None = None
     """1-sigma that time stamps which scatter add to each reading, shape (n, r); None: none."""
     unread: NDArray[np.bool_] | None = None
@@ -216,6 +218,8 @@ class Balance:
     """Of what is left over."""
     disturbance: Array
     """Unmodelled wrench of the processes of the segment [N], [N m], shape (n, 6)."""
+    coloured: Array
+    """What processes add to the readings, shape (n, r)."""
     unread: NDArray[np.bool_] | None = None
     """Readings of cables without a sensor, shape (r,); None: there are none."""
 
@@ -271,8 +275,8 @@ class Balance:
         """
         if not self.unmodelled_sigma.any():
             return self.disturbance
-        white = self.correction[:, self.noise.readings :] * self.unmodelled_sigma
-        return np.asarray(self.disturbance + white)
+        white = self.noise.unmodelled(self.correction)
+        return np.asarray(self.disturbance + white / self.measured.unmodelled.usual[:, None])
 
     @cached_property
     def asked(self) -> Array:
@@ -370,7 +374,8 @@ def balance_at(
     motion = motion_and_wrench(experiment.robot, *calibration.pulling)(**inputs)
     needed = motion.pop("wrench")
     motion |= _remembered(experiment, segment, force_samples, calibration, motion)
-    told = undisturbed(segment, force_samples, local)
+    coloured = disturbance_of_forces(segment, force_samples, local)
+    told = undisturbed(force_samples, coloured)
     measured = _measured(experiment, segment, told, calibration, motion)
     left_over = measured.wrench - needed
     disturbance = unmodelled_processes(segment, local)
@@ -378,7 +383,11 @@ def balance_at(
         left_over -= np.einsum("nij,nj->ni", measured.unmodelled.wrench, disturbance)
     sigmas = force_samples.sigmas(segment, factors)
     unmodelled_sigma = force_samples.unmodelled_sigma(segment, factors)
-    white = measured.unmodelled.wrench * unmodelled_sigma if unmodelled_sigma.any() else None
+    white = None
+    if unmodelled_sigma.any():
+        wrench = measured.unmodelled
+        white = wrench.wrench if force_samples.everywhere else wrench.across
+        white = white * unmodelled_sigma
     noise = BalanceNoise.of(measured.wrench_by_reading, sigmas, white, force_samples.unread)
     return Balance(
         times,
@@ -389,6 +398,7 @@ def balance_at(
         unmodelled_sigma,
         noise,
         disturbance,
+        coloured,
         force_samples.unread,
     )
 
@@ -474,16 +484,30 @@ def _measured(
     return MeasuredForce(values, by_reading, structure)
 
 
-def undisturbed(segment: Segment, force_samples: Forces, local: Basis) -> Forces:
-    """Force readings less what processes add to them.
+def disturbance_of_forces(segment: Segment, force_samples: Forces, local: Basis) -> Array:
+    """What processes add to force readings [N], [N m], shape (n, r).
 
     Args:
         segment: With its processes.
         force_samples: Within it.
         local: Spline functions at their times.
     """
+    parts = [
+        np.broadcast_to(segment.disturbance_of((force_samples.name, quantity), local), values.shape)
+        for quantity, values in force_samples.readings.items()
+    ]
+    return np.concatenate(parts, axis=1)
+
+
+def undisturbed(force_samples: Forces, added: Array) -> Forces:
+    """Force readings less what processes add to them.
+
+    Args:
+        force_samples: Force readings.
+        added: See :func:`disturbance_of_forces`.
+    """
     readings = {
-        quantity: values - segment.disturbance_of((force_samples.name, quantity), local)
+        quantity: values - added[:, force_samples.places[quantity]]
         for quantity, values in force_samples.readings.items()
     }
     return replace(force_samples, readings=readings)

@@ -2,8 +2,12 @@
 explains where the readings cannot tell every wrench.
 
 Fewer than six cables with a sensor span fewer than six directions. In the others the balance holds
-as exactly as the model of the robot does, which is a noise of its own and never zero. A cable without a sensor pulls as hard
-as it will: its direction is taken out of the balance.
+as exactly as the model of the robot does, which is a noise of its own and never zero: the white part
+of the unmodelled wrench. In those that the cables with a sensor carry the noise of the readings is
+all, as it is on six cables and more: a further noise there, be it a thousandth of the tensions, is
+wrong in directions in which the cables hardly turn the platform, and a wrong ratio of the noise of
+forces and motion biases the body. A cable without a sensor pulls as hard as it will: its direction
+is taken out of the balance.
 """
 
 from __future__ import annotations
@@ -34,6 +38,10 @@ class UnmodelledWrench:
     """By how much readings of nominal gain follow it, with the least of tensions, shape (n, m, 6)."""
     wrench: Array
     """What it makes of the balance; in directions that no cable carries itself, shape (n, 6, 6)."""
+    across: Array
+    """The same of its part that no cable carries, shape (n, 6, 6)."""
+    usual: Array
+    """By how much tensions follow the readings, in the mean over cables, shape (n,)."""
 
     @classmethod
     def of(cls, structure: Array, by_reading: Array) -> UnmodelledWrench:
@@ -46,8 +54,9 @@ class UnmodelledWrench:
         reading = np.asarray(np.linalg.pinv(structure), dtype=np.float64)
         across = np.eye(DIRECTIONS) - structure @ reading
         usual = np.mean(np.diagonal(by_reading, axis1=1, axis2=2), axis=1)
-        wrench = structure @ by_reading @ reading + usual[:, None, None] * across
-        return cls(reading, wrench)
+        across = usual[:, None, None] * across
+        wrench = structure @ by_reading @ reading + across
+        return cls(reading, wrench, across, usual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,11 +128,26 @@ class BalanceNoise:
     @cached_property
     def _of_read(self) -> Array:
         """The same of what is read alone."""
+        # What is taken out later may be as noisy as one likes: then no direction is without noise.
+        root = np.sqrt(np.sum(self.parts**2, axis=(1, 2), keepdims=True))
+        free = self.free / np.maximum(
+            np.sqrt(np.sum(self.free**2, axis=(1, 2), keepdims=True)), 1e-300
+        )
+        parts = np.concatenate([self.parts, root * free], axis=2)
         # Rows are scaled first: forces and torques have different units and sizes.
-        scale = np.sqrt(self.variance)
-        scaled = self.parts / scale[:, :, None]
+        scale = np.sqrt(np.sum(parts**2, axis=2))
+        scaled = parts / scale[:, :, None]
         variance = scaled @ scaled.transpose(0, 2, 1) + _ROUNDING * np.eye(DIRECTIONS)
         return np.asarray(np.linalg.inv(np.linalg.cholesky(variance)) / scale[:, None, :])
+
+    def unmodelled(self, correction: Array) -> Array:
+        """The unmodelled wrench of corrections [N], [N m], shape (n, 6).
+
+        Args:
+            correction: See :meth:`correction`.
+        """
+        parts, own = self.parts[:, :, self.readings :], correction[:, self.readings :]
+        return np.asarray(np.einsum("nij,nj->ni", parts, own))
 
     @cached_property
     def shares(self) -> Array:

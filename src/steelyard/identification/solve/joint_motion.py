@@ -34,7 +34,10 @@ from steelyard.identification.solve.misfits.disturbances import as_noise, with_d
 from steelyard.identification.solve.misfits.hands import touching, without
 from steelyard.identification.solve.misfits.jitter import with_jitter, with_jitter_found
 from steelyard.identification.solve.misfits.outliers import look
-from steelyard.identification.solve.misfits.suspicions import with_suspicions
+from steelyard.identification.solve.misfits.suspicions import (
+    with_suspicions,
+    without_needless,
+)
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.identification.solve.stated_processes import with_stated
@@ -108,6 +111,7 @@ def fit_readings(readings: Readings, begun: Beginning, tell: Tell) -> Fitted:
         readings, begun = _without_hands(readings, begun)
         found = _fitted(readings, begun, tell, vibrations)
     tell("what nothing explains", 0.8)
+    usual = found.task.calibration_parameters
     for turn in range(_EXPLANATIONS):
         task, own = with_suspicions(*with_jitter_found(found.task, found.fit))
         if turn and task is found.task:
@@ -116,6 +120,9 @@ def fit_readings(readings: Readings, begun: Beginning, tell: Tell) -> Fitted:
         if found.fit is before.fit:
             # Nothing is asked for, and would not be a second time.
             break
+    if any(segment.processes for segment in found.fit.state.segments):
+        task, own = without_needless(found.task, found.fit, usual)
+        found = replace(found, task=task, fit=own)
     # Gains that were far off then have stretched cables by what they do not.
     return _seen_with_tensions(found, _SAME_TENSION)
 

@@ -24,8 +24,13 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
             owner, name = process.disturbs
             part = UNMODELLED_PARTS.get(process.source)
             if part is None:
-                unit = posterior.experiment.instruments[owner].quantity(name, robot.m).unit
-                if rms.max() > settings.largest_disturbance.get(unit, np.inf):
+                instrument = posterior.experiment.instruments[owner]
+                unit = instrument.quantity(name, robot.m).unit
+                largest = settings.largest_disturbance.get(unit, np.inf)
+                if instrument.is_force:
+                    # A wrench of that size would be no disturbance either.
+                    largest = settings.largest_wrench * weight
+                if rms.max() > largest:
                     yield (
                         f"run '{segment.run}': {name.replace('_', ' ')} of {owner} departs for a"
                         f" while from what all others show, by {rms.max():.2g} {unit} rms,"
@@ -55,8 +60,9 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
 
 
 def scatter_beside(posterior: Posterior) -> float:
-    """Variance that the unmodelled wrench makes beside the residual, in units of the noise of the
-    forces: noise that goes on for a while is taken up by it, so that less of it is left over.
+    """Variance that the unmodelled wrench and coloured noise of the forces make beside the residual,
+    in units of the noise of the forces: noise that goes on for a while is taken up by them, so that
+    less of it is left over.
     """
     fit, square, count = posterior.fit.state, 0.0, 0
     assert fit.parameters is not None
@@ -65,6 +71,7 @@ def scatter_beside(posterior: Posterior) -> float:
             posterior.experiment, segment, forces, fit.calibration, fit.parameters, fit.factors
         )
         wrench = np.einsum("nij,nj->ni", at.measured.unmodelled.wrench, at.disturbance)
+        wrench = wrench + np.einsum("nir,nr->ni", at.by_reading, at.coloured)
         square += float(np.sum(np.einsum("nij,nj->ni", at.whitener, wrench) ** 2))
         count += wrench.size
     return square / max(count, 1)

@@ -57,8 +57,9 @@ class OpcUaSink:
 
     def _ended(self) -> None:
         self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join()
-        self._loop.close()
+        self._thread.join(_PATIENCE)
+        if not self._thread.is_alive():
+            self._loop.close()
 
     async def _started(self, package: Any, url: str) -> Any:
         """The server, with nodes that have no values yet."""

@@ -22,6 +22,8 @@ _ALIVE = 0.5
 """How often it is asked whether the controller is still there [s]."""
 _KEPT = 1_000_000
 """Values that wait to be read, at most."""
+_END = 10.0
+"""How long a call of the library may take to end [s]; its thread ends with the process then."""
 _EPOCH = 116_444_736_000_000_000
 """1970 in units of 100 ns since 1601, as controllers count."""
 
@@ -63,7 +65,7 @@ class AdsReader:
     def close(self) -> None:
         """End the connection."""
         self._stop.set()
-        self._thread.join()
+        self._thread.join(_END)
 
     def _kept_up(self) -> None:
         """Connect again and again, with growing waits, until it is closed."""

@@ -80,8 +80,10 @@ class OpcUaReader:
         """End the connection."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._stop.set)
-            self._thread.join()
-            self._loop.close()
+            # Its last calls wait so long for an answer.
+            self._thread.join(3 * _PATIENCE)
+            if not self._thread.is_alive():
+                self._loop.close()
 
     def _run(self) -> None:
         self._loop.run_until_complete(self._kept_up())

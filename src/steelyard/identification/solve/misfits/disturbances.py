@@ -126,32 +126,60 @@ def _tried(
     """With what is tried next: of the instruments the one with the largest score, and the wrench.
 
     Where two instruments tell the same part of the pose, the residuals are those of the worse one,
-    whichever is wrong: the marginal likelihood decides between them.
+    whichever is wrong: the marginal likelihood decides between them. So it does between a wrench and
+    noise of the tensions.
     """
     # Force and torque come together: an arm turns one into the other.
-    wrench = [source for source in UNMODELLED_PARTS if asked.keys() & UNMODELLED_PARTS.keys()]
-    instruments = sorted(asked.keys() - set(UNMODELLED_PARTS), key=lambda each: -asked[each].score)
-    if not instruments:
-        return _with(task, state, {source: known[source] for source in wrench})
-    most = instruments[0]
-    parts = _parts(task, most)
-    rivals = [
-        each
-        for each in known
-        if each not in UNMODELLED_PARTS and each not in present and parts & _parts(task, each)
-    ]
-    choices = []
-    for each in rivals:
-        own = known[each]
-        if own.score < task.settings.coloured:
-            own = own._replace(level=_same(task, state, most, each, known), time=known[most].time)
-        choices.append({each: own, **{source: known[source] for source in wrench}})
+    pulls = _of_pulls(task, asked, known, present)
+    instruments = sorted(
+        (each for each in asked if _is_of_motion(task, each)), key=lambda each: -asked[each].score
+    )
+    choices: list[dict[Source, Colour]] = [{}]
+    if instruments:
+        most = instruments[0]
+        parts, choices = _parts(task, most), []
+        for each in known:
+            if each in present or not _is_of_motion(task, each):
+                continue
+            if not parts & _parts(task, each):
+                continue
+            own = known[each]
+            if own.score < task.settings.coloured:
+                own = own._replace(
+                    level=_same(task, state, most, each, known), time=known[most].time
+                )
+            choices.append({each: own})
+    choices = [{**of_motion, **pull} for of_motion in choices for pull in pulls]
     states = [_with(task, state, each) for each in choices]
     if len(states) == 1:
         return states[0]
     levels = [_levels(task, each) for each in states]
     best = max(range(len(states)), key=lambda i: levels[i].evidence)
     return _on_levels(states[best], levels[best].of)
+
+
+def _of_pulls(
+    task: Task,
+    asked: Mapping[Source, Colour],
+    known: Mapping[Source, Colour],
+    present: Collection[Source],
+) -> list[dict[Source, Colour]]:
+    """What the balance asks for: a wrench on the platform, or noise of the tensions, of which the
+    cables make one; nothing where neither is asked for.
+    """
+    tensions = [
+        each for each in known if each not in UNMODELLED_PARTS and not _is_of_motion(task, each)
+    ]
+    found = []
+    if asked.keys() & UNMODELLED_PARTS.keys():
+        found.append({source: known[source] for source in UNMODELLED_PARTS})
+    found += [{each: asked[each]} for each in tensions if each in asked]
+    return found or [{}]
+
+
+def _is_of_motion(task: Task, source: Source) -> bool:
+    """Whether a quantity is read of the motion: neither of forces nor an unmodelled wrench."""
+    return source not in UNMODELLED_PARTS and not task.experiment.instruments[source[0]].is_force
 
 
 def _same(
@@ -205,7 +233,9 @@ def as_noise(
         square[UNMODELLED_PARTS[each.source]] += usual**2
     factor = factors.get(segment.label(ROBOT, UNMODELLED), 1.0)
     others = tuple(each for each in segment.processes if each not in parts)
-    return segment.disturbed(others), replace(forces, unmodelled=np.sqrt(square) / factor)
+    return segment.disturbed(others), replace(
+        forces, unmodelled=np.sqrt(square) / factor, everywhere=True
+    )
 
 
 class Colour(NamedTuple):
@@ -274,13 +304,17 @@ def _of_motion(
 def _of_forces(
     task: Task, state: FitState, segment: Segment, forces: Forces | None
 ) -> Iterator[tuple[Source, Array, Array, Array]]:
-    """The same of the wrench on the platform."""
+    """The same of the tensions and of the wrench on the platform."""
     if forces is None or state.parameters is None:
         return
     at = balance_of(
         task.experiment, segment, forces, state.calibration, state.parameters, state.factors
     )
     use = segment.holds(at.time) & (np.sum(at.residual**2, axis=1) < limit(6) ** 2)
+    if at.structure is not None:
+        correction, decided = at.correction * use[:, None], at.noise.decided * use[:, None]
+        for quantity, own in forces.places.items():
+            yield (forces.name, quantity), at.time, correction[:, own], decided[:, own]
     score = np.einsum("nji,nj->ni", at.whitener, at.residual) * use[:, None]
     information = np.sum(at.whitener**2, axis=1) * use[:, None]
     for source, part in UNMODELLED_PARTS.items():

@@ -8,7 +8,7 @@ step of the fit in which they may move shows by how much the cost would fall (a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -74,6 +74,77 @@ def with_suspicions(
     return task, found
 
 
+def without_needless(
+    task: Task,
+    found: Fit,
+    before: CalibrationParameters,
+    again: Callable[[Task, FitState], Fit] = fit,
+) -> tuple[Task, Fit]:
+    """The task without errors that were asked for as long as nothing else explained the residuals.
+
+    Noise that goes on for a while is white to the test by which they came: beside its process they
+    are no longer sure, or the process stands in for what they are.
+
+    Args:
+        task: What has been fitted.
+        found: How, with its processes.
+        before: The calibration parameters before anything was asked for.
+        again: Fits once more.
+
+    Raises:
+        numpy.linalg.LinAlgError: The motion is not determined.
+    """
+    absent = {(each.owner, each.key, each.run): each for each in before.entries if each.is_absent}
+    limit = 2 * float(normal_tail(task.settings.suspicious))
+    while True:
+        groups: dict[Key, list[Key]] = {}
+        for each in task.calibration_parameters.entries:
+            key = (each.owner, each.key, each.run)
+            if key in absent and not each.is_absent:
+                groups.setdefault(_name_of(each), []).append(key)
+        chances = {name: _chance_of(task, found, keys) for name, keys in groups.items()}
+        least = max(chances, key=lambda name: chances[name], default=None)
+        if least is None or chances[least] < limit:
+            return task, found
+        gone = {key: absent[key] for key in groups[least]}
+        task, state = _taken_back(task, found.state, gone)
+        found = again(task, state)
+
+
+def _name_of(each: CalibrationParameter) -> Key:
+    """What errors that come together are called by: a hose has a force, a stiffness and a place."""
+    name = each.key.partition(".")[0] if each.owner == ROBOT else each.key
+    return each.owner, name, each.run
+
+
+def _chance_of(task: Task, found: Fit, keys: Sequence[Key]) -> float:
+    """Probability that these are as far from none by chance."""
+    parameters = task.calibration_parameters
+    own = np.concatenate([np.r_[parameters.places[key]] for key in keys])
+    off = (found.state.calibration.values - parameters.mean)[own]
+    columns = task.column_of(found.state)[own]
+    covariance = found.covariance[np.ix_(columns, columns)]
+    sigma = np.sqrt(np.diag(covariance))
+    scaled = np.linalg.solve(covariance / np.outer(sigma, sigma), off / sigma)
+    return float(chi2_tail(float(off / sigma @ scaled), len(own)))
+
+
+def _taken_back(
+    task: Task, state: FitState, gone: Mapping[Key, CalibrationParameter]
+) -> tuple[Task, FitState]:
+    """Task and state without these errors."""
+    parameters = task.calibration_parameters
+    values, active = state.calibration.values.copy(), task.active.copy()
+    for key, each in gone.items():
+        place = parameters.places[key]
+        values[place], active[place] = each.mean, False
+    entries = tuple(gone.get((u.owner, u.key, u.run), u) for u in parameters.entries)
+    parameters = replace(parameters, entries=entries)
+    calibration = replace(state.calibration, calibration_parameters=parameters, values=values)
+    task = replace(task, calibration_parameters=parameters, active=active)
+    return task, replace(state, calibration=calibration)
+
+
 def _is_possible(task: Task, found: Fit, asked: frozenset[Key]) -> bool:
     """Whether what was asked for came out as it can be: a hose pulls at one point, and pulls back;
     air brakes; a filter does not read ahead.
@@ -128,8 +199,7 @@ def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) 
         if (each.owner, each.key, each.run) in refused:
             continue
         if each.is_absent:
-            name = each.key.partition(".")[0] if each.owner == ROBOT else each.key
-            suspects.setdefault((each.owner, name, each.run), []).append(each)
+            suspects.setdefault(_name_of(each), []).append(each)
     if not suspects:
         return frozenset()
     places = task.calibration_parameters.places
