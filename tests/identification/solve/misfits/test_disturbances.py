@@ -140,3 +140,37 @@ def test_a_disturbance_is_found_and_intervals_stay_true(disturbed):
         total += error @ np.linalg.solve(found.covariance, error)
     low, high = chi2.ppf([1e-3, 1 - 1e-3], 10 * len(SEEDS))
     assert low < total < high
+
+
+def in_colour(experiment, seed):
+    """With force noise that goes on for a third of a second, beside the white one."""
+    rng = np.random.default_rng(seed)
+    time = experiment.runs[0].streams["cables"].time
+    noise = coloured(time, 5.0, 0.3, ROBOT.m, rng)
+    return with_stream(experiment, "cables", lambda v: {"tension": v["tension"] + noise})
+
+
+def test_coloured_noise_of_tensions_is_neither_a_wrench_nor_what_else_imitates_it():
+    posterior = fit_jointly(in_colour(sound(3), 3))
+    (segment,) = posterior.fit.state.segments
+    (process,) = segment.processes
+    assert process.source == ("cables", "tension")
+    assert process.level * process.sizes[0] == pytest.approx(5.0, rel=0.3)
+    assert process.time == pytest.approx(0.3, rel=0.5)
+    assert not found_errors(posterior)
+    found = MaximumLikelihood().of(posterior)
+    assert found.verdict.accepted, found.verdict.reasons
+    error = found.value - TRUTH
+    assert error @ np.linalg.solve(found.covariance, error) < chi2.isf(1e-3, 10)
+
+
+@pytest.mark.slow
+def test_intervals_beside_coloured_noise_of_tensions_stay_true():
+    total = 0.0
+    for seed in SEEDS:
+        found = MaximumLikelihood()(in_colour(sound(seed), seed))
+        assert found.verdict.accepted, found.verdict.reasons
+        error = found.value - TRUTH
+        total += error @ np.linalg.solve(found.covariance, error)
+    low, high = chi2.ppf([1e-3, 1 - 1e-3], 10 * len(SEEDS))
+    assert low < total < high

@@ -36,6 +36,8 @@ _REACH = 2.0
 """1-sigma of the point at which a hose pulls, in sizes of the platform."""
 _MISPLACED, _MISSCALED = 0.05, 0.1
 """1-sigma of an anchor or an attachment [m] and of a gain that is wrong."""
+_LEAST_SHARE = 1e-6
+"""Part that the readings have in what is known in a direction, at least: less is rounding."""
 _CHANCE = 1e-3
 """Probability with which a hose is refused that pulls at one point."""
 
@@ -216,6 +218,10 @@ def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) 
         keys = frozenset((each.owner, each.key, each.run) for each in entries)
         own = np.concatenate([np.r_[places[e.owner, e.key, e.run]] for e in entries])
         chance, moved = gains.chance(own)
+        if entries[0].owner != ROBOT:
+            # One of many numbers may be alone: among all of them it would be lost.
+            single = min(gains.chance(own[i : i + 1])[0] for i in range(len(own)))
+            chance = min(chance, len(own) * single)
         negligible = np.concatenate([np.full(len(e.mean), e.negligible) for e in entries])
         if chance < least and np.any(np.abs(moved) > negligible):
             worst, least = keys, chance
@@ -253,6 +259,8 @@ class _Gains:
     """What is known beforehand less the present values, shape (b,)."""
     column_of: NDArray[np.intp]
     """Of every calibration parameter, shape (u,)."""
+    wide: Array
+    """1-sigma of the wide priors, shape (u,)."""
     base: NDArray[np.intp]
     """Columns of the body and of what is estimated as it is."""
 
@@ -273,26 +281,53 @@ class _Gains:
         ] - np.diag(wide[known] ** -2)
         off[column_of[loose.active]] = (parameters.mean - state.calibration.values)[loose.active]
         base = np.concatenate([np.arange(state.ten), column_of[task.active]])
-        return cls(matrix, matrix @ (step.border / scale), scale, tighter, off, column_of, base)
+        return cls(
+            matrix, matrix @ (step.border / scale), scale, tighter, off, column_of, wide, base
+        )
 
     def chance(self, places: NDArray[np.intp]) -> tuple[float, Array]:
         """Probability that noise lets the cost fall so far where these have wide priors, and how
         they move.
+
+        Noise lets it fall by a sum of squares of standard normal numbers, each with the part that
+        the readings have in what is then known in one direction: a chi-square of as many degrees of
+        freedom and as large as has its mean and variance [Satterthwaite1946]_.
         """
         own = self.column_of[places]
-        fall, moved = self._fall(np.union1d(self.base, own), own)
-        return float(chi2_tail(fall - self._usual, len(own))), moved
+        columns = np.union1d(self.base, own)
+        fall, moved = self._fall(columns, own)
+        inside = np.searchsorted(columns, own)
+        known = np.linalg.inv(self._tightened(own)[np.ix_(columns, columns)])[
+            np.ix_(inside, inside)
+        ]
+        prior = 1 / self.wide[places]
+        by_prior = known * np.outer(prior * self.scale[own], prior * self.scale[own])
+        share = np.clip(1 - np.linalg.eigvalsh(by_prior), _LEAST_SHARE, 1.0)
+        size = float(np.sum(share**2) / np.sum(share))
+        freedom = float(np.sum(share) / size)
+        return float(chi2_tail(max(fall - self._usual, 0.0) / size, freedom)), moved
 
     @cached_property
     def _usual(self) -> float:
         """Decrease of the cost with the priors as stated."""
         return self._fall(self.base, self.base[:0])[0]
 
-    def _fall(self, columns: NDArray[np.intp], own: NDArray[np.intp]) -> tuple[float, Array]:
-        """Decrease of the cost where these columns alone may move, some of them widely."""
+    def _tighter_beside(self, own: NDArray[np.intp]) -> Array:
+        """Precision that the priors as stated have beyond the wide ones, but for some columns."""
         tighter = self.tighter.copy()
         tighter[own], tighter[:, own] = 0.0, 0.0
-        matrix = self.matrix + tighter * np.outer(self.scale, self.scale)
+        return tighter
+
+    def _tightened(self, own: NDArray[np.intp]) -> Array:
+        """The matrix with the priors as stated but for some columns, in units of 1-sigma."""
+        return np.asarray(
+            self.matrix + self._tighter_beside(own) * np.outer(self.scale, self.scale)
+        )
+
+    def _fall(self, columns: NDArray[np.intp], own: NDArray[np.intp]) -> tuple[float, Array]:
+        """Decrease of the cost where these columns alone may move, some of them widely."""
+        matrix = self._tightened(own)
+        tighter = self._tighter_beside(own)
         right = self.right + (tighter @ self.off) * self.scale
         moved = np.zeros(len(self.scale))
         moved[columns] = np.linalg.solve(matrix[np.ix_(columns, columns)], right[columns])
