@@ -20,18 +20,14 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.model.force_residuals import BALANCE, force_residuals
-from steelyard.identification.model.motion_residuals import (
-    PARTS,
-    Segment,
-    Tally,
-    limit,
-    motion_residuals,
-)
+from steelyard.identification.model.motion_residuals import motion_residuals
+from steelyard.identification.model.motion_segment import PARTS, Segment
 from steelyard.identification.model.segment import POSE, Rows, basis
 from steelyard.identification.solve import joint_motion
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.joint_motion import fit_jointly
+from steelyard.identification.tally import Tally, limit
 from steelyard.inertia import LINEAR_PARAMETERS, TEN
 from steelyard.smoothing import DEGREE
 

@@ -34,8 +34,9 @@ from steelyard.identification.model.balance import Forces, balance_of
 from steelyard.identification.model.calibration_parameters import DRAG, CalibrationValues
 from steelyard.identification.model.calibration_parameters import ROBOT as FILE
 from steelyard.identification.model.force_residuals import force_residuals
-from steelyard.identification.model.motion_residuals import Tally, holding_rows
+from steelyard.identification.model.motion_segment import holding_rows
 from steelyard.identification.model.segment import POSE, accumulate
+from steelyard.identification.tally import Tally
 from steelyard.inertia import TEN, Inertia, body_jacobian
 from steelyard.instruments import Length, Wrench
 from steelyard.instruments.equations import linearised, predict

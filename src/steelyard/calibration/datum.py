@@ -24,7 +24,7 @@ from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.banded import banded_window
 from steelyard.identification.model.calibration_parameters import ROBOT
-from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import POSE
 from steelyard.instruments.base import FrameForm
 from steelyard.instruments.equations import solve_for

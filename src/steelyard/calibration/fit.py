@@ -25,7 +25,7 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
     gather,
 )
-from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.solve.beginning import first_body, read_by, stated_noise
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit

@@ -19,7 +19,7 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.unread import with_unread_cables
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues
-from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import motion_at
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.samples.segmentation import Recorded

@@ -13,16 +13,12 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.force_residuals import carried_tensions, force_residuals
-from steelyard.identification.model.motion_residuals import (
-    AT_ONCE,
-    Reading,
-    Segment,
-    Tally,
-    motion_residuals,
-)
+from steelyard.identification.model.motion_residuals import AT_ONCE, motion_residuals
+from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.segment import NormalEquations, Rows
 from steelyard.identification.solve.fit_state import Fit, Task
 from steelyard.identification.solve.newton_step import border_prior
+from steelyard.identification.tally import Tally
 
 STRETCHES = 10
 """Into which a motion is cut, of equal length."""

@@ -13,7 +13,7 @@ from steelyard.calibration.settings import CALIBRATION, CalibrationSettings
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.balance import Forces
-from steelyard.identification.model.motion_residuals import Reading, Segment
+from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.settings import MOTION
 from steelyard.identification.samples.segmentation import forces_of
 from steelyard.instruments import Attitude

@@ -10,11 +10,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.calibration.settings import CalibrationSettings
-from steelyard.identification.model.motion_residuals import (
-    Reading,
-    Segment,
-    looked_at,
-)
+from steelyard.identification.model.motion_residuals import looked_at
+from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.solve.fit_state import Fit, Task
 
 

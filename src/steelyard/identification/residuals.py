@@ -21,11 +21,10 @@ from steelyard.identification.model.balance import Balance, Forces, balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.motion_residuals import (
     AT_ONCE,
-    Reading,
-    Segment,
     looked_at,
     reference_clocks,
 )
+from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.fit_state import FitState

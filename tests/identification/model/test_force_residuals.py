@@ -28,9 +28,10 @@ from steelyard.identification.model.force_residuals import (
     sample_weight,
     whitened_balance,
 )
-from steelyard.identification.model.motion_residuals import Reading, Segment, Tally, limit
+from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.processes import Process, integrals_of, named
 from steelyard.identification.model.segment import POSE, spread
+from steelyard.identification.tally import Tally, limit
 from steelyard.instruments import Attitude, Tension, Wrench
 from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.tension import PRESLIDING

@@ -15,20 +15,21 @@ from simulated import EXACT, ROBOT
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.banded import banded_product
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
-from steelyard.identification.model.motion_residuals import (
+from steelyard.identification.model.motion_residuals import Border, motion_residuals
+from steelyard.identification.model.motion_segment import (
     PARTS,
-    Border,
     Reading,
     Segment,
-    Tally,
     jerk_matrices,
-    limit,
-    median,
-    motion_residuals,
-    robust_weight,
 )
 from steelyard.identification.model.processes import Process, integrals_of
 from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations
+from steelyard.identification.tally import (
+    Tally,
+    limit,
+    median,
+    robust_weight,
+)
 from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension
 from steelyard.smoothing import DEGREE, knots
 

@@ -12,16 +12,16 @@ from scipy.stats import Covariance, chi2, multivariate_normal, norm
 
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
-from steelyard.identification.model.motion_residuals import (
+from steelyard.identification.model.motion_residuals import motion_residuals
+from steelyard.identification.model.motion_segment import (
     Reading,
     Segment,
-    Tally,
     jerk_matrices,
-    motion_residuals,
 )
 from steelyard.identification.model.segment import POSE, accumulate
 from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.model.smoothness import smoothness
+from steelyard.identification.tally import Tally
 from steelyard.instruments import Attitude, Position
 from steelyard.robot.model import Robot
 from steelyard.smoothing import DEGREE, knots

@@ -8,7 +8,7 @@ from places import DATA
 
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
-from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import integrals_of
 from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations, Rows, accumulate
 from steelyard.identification.recursive.events import advanced

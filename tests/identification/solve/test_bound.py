@@ -27,7 +27,7 @@ from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
-from steelyard.identification.model.motion_residuals import Reading, Segment
+from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.solve.bound import cramer_rao
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.inertia import BODY_PARAMETERS, Inertia, body_jacobian

@@ -6,7 +6,7 @@ from places import DATA
 
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.model.balance import Forces
-from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import POSE, WIDTH, Rows, accumulate
 from steelyard.identification.recursive.follow import begin
 from steelyard.identification.solve import segment_equations as module

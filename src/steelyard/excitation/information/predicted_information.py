@@ -20,7 +20,7 @@ from steelyard.excitation.information.instrument_information import (
 )
 from steelyard.excitation.information.linearisation_point import LinearisationPoint
 from steelyard.excitation.settings import DEFAULT, DesignSettings
-from steelyard.identification.model.motion_residuals import Segment, holding_rows
+from steelyard.identification.model.motion_segment import Segment, holding_rows
 from steelyard.identification.model.segment import (
     POSE,
     Basis,

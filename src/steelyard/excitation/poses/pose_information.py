@@ -11,7 +11,7 @@ from steelyard.arrays import Array
 from steelyard.calibration.fit import GeometryFit
 from steelyard.excitation.poses.pose_choice import PoseChoice
 from steelyard.identification.model.balance import Forces
-from steelyard.identification.model.motion_residuals import Reading, Segment
+from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.solve.fit_state import linearise
 from steelyard.identification.solve.newton_step import border_prior
 

@@ -26,7 +26,8 @@ from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.method import PosteriorMethod
 from steelyard.identification.model.balance import Forces, regressor_at
 from steelyard.identification.model.force_residuals import WhitenedBalance, whitened_balance
-from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
+from steelyard.identification.model.motion_residuals import motion_residuals
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Rows
 from steelyard.identification.model.sources import Sources, choose_sources
 from steelyard.identification.solve.beginning import motion_task, read
@@ -34,6 +35,7 @@ from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.normal_equations import Solution, inverse_of, solve
 from steelyard.identification.solve.posterior import Posterior
+from steelyard.identification.tally import Tally
 from steelyard.inertia import TEN
 from steelyard.instruments import Pose
 from steelyard.instruments.pose import PoseNoise

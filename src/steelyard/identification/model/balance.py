@@ -27,11 +27,8 @@ from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationValues,
 )
-from steelyard.identification.model.motion_residuals import (
-    Segment,
-    reference_clocks,
-    time_of,
-)
+from steelyard.identification.model.motion_residuals import reference_clocks, time_of
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Basis, motion_at
 from steelyard.identification.model.sources import Source
 from steelyard.inertia import TEN

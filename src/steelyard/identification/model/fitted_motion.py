@@ -16,7 +16,7 @@ from steelyard import rotations
 from steelyard.arrays import Array
 from steelyard.batch import Batched
 from steelyard.display import printable
-from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import POSE, covariance_of, motion_at, spread
 from steelyard.motion.state import state_of_pose
 from steelyard.tables import Tabular

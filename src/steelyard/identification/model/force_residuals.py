@@ -40,16 +40,11 @@ from steelyard.identification.model.calibration_parameters import (
 from steelyard.identification.model.motion_residuals import (
     Border,
     Carried,
-    CarriedTensions,
-    Segment,
-    Tally,
-    limit,
-    median,
     rate_along,
     reference_clocks,
-    robust_weight,
     time_of,
 )
+from steelyard.identification.model.motion_segment import CarriedTensions, Segment
 from steelyard.identification.model.processes import Process
 from steelyard.identification.model.segment import (
     POSE,
@@ -60,6 +55,12 @@ from steelyard.identification.model.segment import (
     spread,
 )
 from steelyard.identification.model.sources import Source
+from steelyard.identification.tally import (
+    Tally,
+    limit,
+    median,
+    robust_weight,
+)
 from steelyard.inertia import TEN
 from steelyard.instruments.base import TIME_CONSTANT, Instrument
 from steelyard.instruments.equations import following, sensitivity

@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 
 from steelyard.arrays import Array
 from steelyard.identification.banded import banded_trace
-from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.model.sources import Source

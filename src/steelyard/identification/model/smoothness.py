@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.identification.banded import banded_trace
-from steelyard.identification.model.motion_residuals import PARTS, Segment
+from steelyard.identification.model.motion_segment import PARTS, Segment
 from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.settings import MOTION, MotionSettings
 

@@ -11,12 +11,8 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues
-from steelyard.identification.model.motion_residuals import (
-    Reading,
-    Segment,
-    reference_clocks,
-    time_of,
-)
+from steelyard.identification.model.motion_residuals import reference_clocks, time_of
+from steelyard.identification.model.motion_segment import Reading, Segment
 
 
 @dataclass(frozen=True, eq=False)

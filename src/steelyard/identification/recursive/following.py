@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import InfeasibleError
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import basis, values_at
 from steelyard.identification.recursive.arrivals import Likeness, within
 from steelyard.identification.recursive.grid import KnotGrid

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.identification.model.motion_residuals import jerk_matrices
+from steelyard.identification.model.motion_segment import jerk_matrices
 from steelyard.identification.model.processes import SplineIntegrals, ends_of, integrals_of
 from steelyard.smoothing import DEGREE
 

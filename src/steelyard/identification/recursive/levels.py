@@ -14,7 +14,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.banded import banded_trace
-from steelyard.identification.model.motion_residuals import PARTS, Segment
+from steelyard.identification.model.motion_segment import PARTS, Segment
 from steelyard.identification.recursive.settings import RecursiveSettings
 
 

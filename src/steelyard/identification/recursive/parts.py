@@ -10,12 +10,13 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import Forces
-from steelyard.identification.model.motion_residuals import Reading, Tally
+from steelyard.identification.model.motion_segment import Reading
 from steelyard.identification.model.processes import integrals_of
 from steelyard.identification.model.segment import Label
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.normal_equations import Blocks, summed, together
 from steelyard.identification.solve.segment_equations import SegmentEquations
+from steelyard.identification.tally import Tally
 from steelyard.inertia import TEN
 from steelyard.smoothing import DEGREE
 

@@ -20,12 +20,8 @@ from steelyard.estimates.estimate import plausible_radius
 from steelyard.identification.banded import banded_trace
 from steelyard.identification.known_body import plausible
 from steelyard.identification.model.balance import Forces
-from steelyard.identification.model.motion_residuals import (
-    Reading,
-    Segment,
-    Tally,
-    motion_residuals,
-)
+from steelyard.identification.model.motion_residuals import motion_residuals
+from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.processes import SplineIntegrals, embedded
 from steelyard.identification.model.segment import POSE, NormalEquations, Rows, basis, values_at
 from steelyard.identification.recursive.grid import KnotGrid
@@ -57,6 +53,7 @@ from steelyard.identification.solve.segment_equations import (
     left_noise,
     whitened_rows,
 )
+from steelyard.identification.tally import Tally
 from steelyard.inertia import TEN
 from steelyard.smoothing import DEGREE
 

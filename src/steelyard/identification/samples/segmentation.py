@@ -22,7 +22,12 @@ from steelyard.identification.model.calibration_parameters import (
     clock_of,
 )
 from steelyard.identification.model.knot_spacing import Channelled, best_spacing
-from steelyard.identification.model.motion_residuals import PARTS, Reading, Segment, jerk_matrices
+from steelyard.identification.model.motion_segment import (
+    PARTS,
+    Reading,
+    Segment,
+    jerk_matrices,
+)
 from steelyard.identification.model.processes import unresolved
 from steelyard.identification.model.segment import motion_at
 from steelyard.identification.model.settings import MOTION, MotionSettings

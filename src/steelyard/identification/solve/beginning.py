@@ -25,12 +25,8 @@ from steelyard.identification.model.calibration_parameters import (
     gather,
 )
 from steelyard.identification.model.force_residuals import sample_weight
-from steelyard.identification.model.motion_residuals import (
-    AT_REST,
-    Segment,
-    reference_clocks,
-    time_of,
-)
+from steelyard.identification.model.motion_residuals import reference_clocks, time_of
+from steelyard.identification.model.motion_segment import AT_REST, Segment
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.first_motion import (
     FirstMotion,

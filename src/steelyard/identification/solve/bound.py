@@ -20,8 +20,10 @@ from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues, columns_of
 from steelyard.identification.model.force_residuals import carried_tensions, force_residuals
-from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
+from steelyard.identification.model.motion_residuals import motion_residuals
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Rows
+from steelyard.identification.tally import Tally
 from steelyard.inertia import BODY_PARAMETERS, TEN, body_jacobian
 
 _EXACT = 1e-9

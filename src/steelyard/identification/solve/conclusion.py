@@ -16,10 +16,7 @@ from steelyard.identification.known_body import plausible
 from steelyard.identification.model.balance import Balance, Forces, balance_of
 from steelyard.identification.model.calibration_parameters import ROBOT, load_place
 from steelyard.identification.model.fitted_motion import FittedMotion, fitted_motion
-from steelyard.identification.model.motion_residuals import (
-    AT_REST,
-    Segment,
-)
+from steelyard.identification.model.motion_segment import AT_REST, Segment
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.beginning import NoBalanceError, Readings

@@ -20,10 +20,12 @@ from steelyard.identification.model.calibration_parameters import (
     columns_of,
 )
 from steelyard.identification.model.force_residuals import carried_tensions, force_residuals
-from steelyard.identification.model.motion_residuals import Segment, Tally, motion_residuals
+from steelyard.identification.model.motion_residuals import motion_residuals
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.identification.tally import Tally
 from steelyard.inertia import TEN
 
 

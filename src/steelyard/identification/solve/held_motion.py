@@ -19,7 +19,7 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.balance import balance_of
 from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.force_residuals import force_residuals, tally_forces
-from steelyard.identification.model.motion_residuals import Segment, Tally, robust_weight
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import integrals_of
 from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.sources import Source
@@ -61,6 +61,7 @@ from steelyard.identification.solve.noise_levels import (
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.identification.solve.stated_processes import with_stated
+from steelyard.identification.tally import Tally, robust_weight
 from steelyard.inertia import TEN
 
 

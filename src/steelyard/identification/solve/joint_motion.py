@@ -15,7 +15,8 @@ import numpy as np
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
-from steelyard.identification.model.motion_residuals import Segment, reference_clocks, time_of
+from steelyard.identification.model.motion_residuals import reference_clocks, time_of
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.samples.segmentation import recorded, resampled
 from steelyard.identification.solve.beginning import (
     Beginning,

@@ -14,10 +14,11 @@ import numpy as np
 from steelyard.identification.model.balance import UNMODELLED
 from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.force_residuals import BALANCE
-from steelyard.identification.model.motion_residuals import AT_REST, Tally
+from steelyard.identification.model.motion_segment import AT_REST
 from steelyard.identification.model.segment import Label, NormalEquations
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import FitState, Task
+from steelyard.identification.tally import Tally
 
 
 def spent_by(equations: Sequence[NormalEquations]) -> dict[Label, float]:

@@ -22,17 +22,14 @@ from steelyard.identification.model.force_residuals import (
     carried_tensions,
     whitened_balance,
 )
-from steelyard.identification.model.motion_residuals import (
-    AT_ONCE,
-    Segment,
-    Tally,
-    motion_residuals,
-)
+from steelyard.identification.model.motion_residuals import AT_ONCE, motion_residuals
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Label, NormalEquations, Rows
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import FitState, Task
 from steelyard.identification.solve.normal_equations import Blocks, BorderEquations
 from steelyard.identification.solve.settings import FitSettings
+from steelyard.identification.tally import Tally
 from steelyard.inertia import TEN
 
 _ROWS_AT_ONCE = 2048

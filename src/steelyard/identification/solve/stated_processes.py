@@ -17,7 +17,7 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.surroundings import UnmodelledForm
 from steelyard.identification.model.balance import UNMODELLED_PARTS, Forces
-from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import (
     Process,
     integrals_of,

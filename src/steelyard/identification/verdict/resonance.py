@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.estimates.quantiles import chi2_tail
 from steelyard.identification.model.balance import Forces, balance_of, regressor_at
-from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import motion_at
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.directed_tests import length_of

@@ -11,7 +11,7 @@ from simulated import EXACT, ROBOT
 
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
-from steelyard.identification.model.motion_residuals import Reading, Segment
+from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.solve.misfits.coherence import coherence
 from steelyard.instruments import Imu
 from steelyard.smoothing import DEGREE, knots

@@ -12,7 +12,7 @@ from steelyard.arrays import joined_stretches
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.model.balance import Forces, balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
-from steelyard.identification.model.motion_residuals import Reading, Segment
+from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.solve.misfits.outliers import look
 from steelyard.instruments import Attitude, Tension, Wrench
 from steelyard.motion.trajectory import multisine

@@ -16,7 +16,7 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationParameter,
     gather,
 )
-from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import Process
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.instruments.noise import Cause

@@ -14,12 +14,8 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import Balance
 from steelyard.identification.model.calibration_parameters import CalibrationValues
-from steelyard.identification.model.motion_residuals import (
-    Reading,
-    Segment,
-    looked_at,
-    reference_clocks,
-)
+from steelyard.identification.model.motion_residuals import looked_at, reference_clocks
+from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.solve.settings import FIT, FitSettings
 
 

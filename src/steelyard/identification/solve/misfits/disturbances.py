@@ -25,12 +25,8 @@ from steelyard.identification.model.balance import (
     balance_of,
 )
 from steelyard.identification.model.calibration_parameters import ROBOT
-from steelyard.identification.model.motion_residuals import (
-    Segment,
-    Tally,
-    limit,
-    motion_residuals,
-)
+from steelyard.identification.model.motion_residuals import motion_residuals
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.process_levels import (
     ProcessLevel,
     ProcessLevels,
@@ -44,6 +40,7 @@ from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.newton_step import border_prior
 from steelyard.identification.solve.settings import FitSettings
 from steelyard.identification.solve.stated_processes import denied, size_of
+from steelyard.identification.tally import Tally, limit
 
 _INSTANTS = 500
 """Along a segment, at which the size of its disturbances is looked at."""

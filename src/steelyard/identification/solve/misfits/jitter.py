@@ -17,12 +17,11 @@ from scipy.optimize import minimize_scalar
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.motion_residuals import (
-    Reading,
-    Segment,
     looked_at,
     rate_along,
     reference_clocks,
 )
+from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit

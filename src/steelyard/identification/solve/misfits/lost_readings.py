@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array, stretches
 from steelyard.experiment.faults.stuck import repeats
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.motion_residuals import Tally, motion_residuals
+from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.segment import Label
 from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.identification.tally import Tally
 
 
 def without_lost(

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array, joined_stretches, stretches
 from steelyard.identification.model.balance import Balance, Forces
-from steelyard.identification.model.motion_residuals import limit
 from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.identification.tally import limit
 
 
 @dataclass(frozen=True, eq=False)
