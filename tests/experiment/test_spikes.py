@@ -9,8 +9,9 @@ from places import ROOT
 from recordings import RUN, save, table, write_small
 from scipy.spatial.transform import Rotation
 
-from steelyard.experiment.faults.spikes import spikes
+from steelyard.experiment.faults.spikes import no_rotations, spikes
 from steelyard.experiment.read import read_experiment
+from steelyard.experiment.streams import _off_rotation
 
 RATE = 100.0
 TIME = np.arange(0, 20, 1 / RATE)
@@ -80,6 +81,29 @@ def test_a_rotation_is_one_reading(rng):
     np.testing.assert_array_equal(np.flatnonzero(found(R)), [500])
 
 
+def off(quaternions):
+    return np.abs(np.linalg.norm(quaternions, axis=1) - 1)
+
+
+@pytest.mark.parametrize("digits", [4, 7, 16])
+def test_a_quaternion_of_another_length_is_named_where_digits_show_it(rng, digits):
+    q = Rotation.from_rotvec(np.column_stack([SMOOTH / 50, 0.1 + 0 * TIME, TIME / 10])).as_quat()
+    written = np.round(q, digits)
+    assert not no_rotations(off(written)).any()
+    written[700, 1] = 0.0
+    assert no_rotations(off(written))[700] == (abs(off(written)[700]) > 10.0 ** (2 - digits))
+    written[::3] *= 1.001  # a log that is like this is like this
+    assert not no_rotations(off(written)).any()
+
+
+def test_matrices_and_gaps_of_a_log_are_looked_at_alike(rng):
+    R = Rotation.from_rotvec(np.column_stack([SMOOTH / 50, 0 * TIME, TIME / 10])).as_matrix()
+    raw = R.reshape(-1, 9).copy()
+    raw[30:60] = np.nan
+    raw[400, 4] *= 1.0001
+    np.testing.assert_array_equal(np.flatnonzero(no_rotations(_off_rotation(raw))), [400])
+
+
 def test_gaps_and_empty_cells_are_none(rng):
     values = SMOOTH + rng.normal(0, 0.02, len(TIME))
     values[300:320] = np.nan
@@ -93,6 +117,22 @@ def test_gaps_and_empty_cells_are_none(rng):
 def test_recordings_have_none(file):
     for run in read_experiment(ROOT / file).runs:
         assert not [fault for fault in run.excluded if fault.kind == "spike"]
+
+
+def test_a_flipped_bit_of_a_quaternion_is_left_out(tmp_path):
+    path = write_small(tmp_path)
+    log = tmp_path / RUN / "imu.csv"
+    rows = table(log)
+    column = rows[0].index("qy")
+    moved = [abs(float(row[column])) for row in rows[1:]]
+    i = int(np.argmin(np.where(np.array(moved) > 0.01, moved, np.inf)))
+    rows[i + 1][column] = "0.0"
+    save(log, rows)
+    (read,) = read_experiment(path).runs
+    named = [(f.kind, f.instrument, f.channel, f.count) for f in read.excluded]
+    assert named == [("spike", "imu", "orientation", 1)]
+    assert np.isnan(read.streams["imu"].values["orientation"][i]).all()
+    assert not read.streams["imu"].off
 
 
 @pytest.mark.integration

@@ -935,3 +935,19 @@ def test_columns_of_the_errors_are_those_of_differences(kind, quantity, state):
         np.testing.assert_allclose(
             columns, expected, atol=DIFFERENCED * max(1, np.abs(expected).max()), err_msg=key
         )
+
+
+def test_what_one_cable_reads_is_followed_by_a_matrix(state):
+    instrument, _, robot = KINDS["tension"]
+    one = replace(
+        robot,
+        anchors=robot.anchors[:1],
+        attachments=robot.attachments[:1],
+        pulley_radius=robot.pulley_radius[:1],
+        pulley_axis=robot.pulley_axis[:1],
+    )
+    told = {key: getattr(state, key) for key in ("position", "rotation", "velocity", "omega")}
+    told["tension"] = state.tension[:, :1]
+    calibration = {term.key: np.full(term.size, term.nominal) for term in instrument.terms(1)}
+    found = follows_readings("tension", instrument, one, ("tension",), told, calibration)
+    np.testing.assert_allclose(np.broadcast_to(found, (N, 1, 1)), np.ones((N, 1, 1)))

@@ -7,7 +7,7 @@ from ruamel.yaml import YAML
 
 from steelyard.errors import InputError
 from steelyard.robot.file import bundled_names, bundled_text, read_robot, robot_file
-from steelyard.robot.model import CableProperties, Limits
+from steelyard.robot.model import CableProperties, Limits, Robot
 
 TOLERANCE = 1e-10  # angles go through degrees with nine digits
 
@@ -304,3 +304,9 @@ def test_what_is_no_file_is_refused(path, message, tmp_path):
     (tmp_path / "folder").mkdir()
     with pytest.raises(InputError, match=message):
         read_robot(path, tmp_path)
+
+
+def test_one_cable_shows_how_large_a_platform_is_about_its_origin():
+    anchor = [[0.0, 0.0, 5.0]]
+    assert Robot("one", anchor, [[0.0, 0.3, 0.4]]).size == pytest.approx(0.5)
+    assert Robot("one", anchor, [[0.0, 0.0, 0.0]]).size == 1.0

@@ -83,6 +83,9 @@ class Stream:
     clock: str | None = None
     """What its times were taken from: streams that name one and the same clock share its times, as
     those of one file do; None: a clock of its own, whatever ``source`` says."""
+    off: Mapping[str, Array] = field(default_factory=dict)
+    """Quantity -> how far the numbers of its log are from a rotation: the length of a quaternion from
+    one, a matrix from its inverse's transpose; shape (n,). Only until damaged ones are left out."""
 
     def __len__(self) -> int:
         return len(self.time)

@@ -120,6 +120,7 @@ def read_stream(
         _check_rate(path, timed, time)
     values: dict[str, Array] = {}
     angles: dict[str, Array] = {}
+    off: dict[str, Array] = {}
     forms: dict[str, tuple[str, ...]] = {}
     for quantity, form in quantities:
         forms[quantity.name] = form
@@ -138,7 +139,9 @@ def read_stream(
         values[quantity.name] = _rotations(where, form, raw) if quantity.rotation else raw
         if quantity.rotation and len(form) == 3:
             angles[quantity.name] = raw
-    return Stream(time, values, str(path), angles, forms, str(path))
+        elif quantity.rotation and not static:
+            off[quantity.name] = _off_rotation(raw)
+    return Stream(time, values, str(path), angles, forms, str(path), off)
 
 
 def stream_of_columns(
@@ -380,6 +383,18 @@ def _rotations(where: Callable[[int], str], form: tuple[str, ...], raw: Array) -
             turned = Rotation.from_matrix(square)
         matrices[first + rows] = turned.as_matrix()
     return matrices
+
+
+def _off_rotation(raw: Array) -> Array:
+    """How far quaternions, shape (n, 4), or matrices, shape (n, 9), are from rotations, shape (n,)."""
+    if raw.shape[1] == 4:
+        return np.asarray(np.abs(np.linalg.norm(raw, axis=1) - 1))
+    off = np.empty(len(raw))
+    for first in range(0, len(raw), _BLOCK):
+        square = raw[first : first + _BLOCK].reshape(-1, 3, 3)
+        product = square @ square.transpose(0, 2, 1)
+        off[first : first + _BLOCK] = np.abs(product - np.eye(3)).max(axis=(1, 2))
+    return off
 
 
 def _check_rotation(

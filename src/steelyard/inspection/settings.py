@@ -268,10 +268,28 @@ MISTAKES = MistakeSettings()
 class SizeSettings:
     """What size alone tells of units."""
 
+    smallest_hall: float = 0.1
+    """Mean distance of anchors from their middle that is usual at least [m]."""
     largest_hall: float = 300.0
-    """Mean distance of anchors from their middle [m]: the largest cable robots span stadiums."""
+    """The same, at most [m]: most of the largest cable robots span stadiums."""
+    smallest_platform: float = 0.01
+    """Mean distance of attachments from their middle that is usual at least [m]."""
     largest_platform: float = 30.0
-    """The same of attachments [m]."""
+    """The same, at most [m]."""
+    hall_to_platform: tuple[float, float] = (0.3, 2000.0)
+    """Lowest and highest ratio of both that is usual: cameras above stadiums have several hundred."""
+    densest: float = 1e5
+    """What cables pull at most over gravity and the cube of the radius of the platform [kg/m^3]: lead in
+    a sphere, with tensions twice its weight."""
+    clear: float = 1.0
+    """Decades by which sizes must be likelier in millimetres than in metres; with readings that agree
+    no better, a frame of 3 km is still believed."""
+    decade: float = 2.5
+    """Gain in the agreements of readings that counts as much as a decade of size: that from which a
+    mistake is named."""
+    impossible: float = 30.0
+    """Cost of an agreement that cannot be had with a geometry: of six channels, each a tenfold too
+    far."""
     beyond: float = 10.0
     """Factor between the median tension and the limits of the robot file: a cable that is not even
     a tenth as tight as asked for is in another unit."""

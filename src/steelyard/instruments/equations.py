@@ -576,4 +576,6 @@ def follows_readings(
     """
     form = _follows_readings(unknown, instrument, robot, quantities, "rolling" in state)
     terms = {f"term_{key}": value for key, value in calibration.items()}
-    return form.evaluate({**terms, **state})
+    k = state[unknown].shape[1]
+    # Of one cable a column, which has no axis of its own.
+    return form.evaluate({**terms, **state}).reshape(-1, k, k)

@@ -169,11 +169,14 @@ class Robot:
 
     @property
     def size(self) -> float:
-        """Radius of the platform as its attachments show it [m]; 1 m without cables."""
+        """Radius of the platform as its attachments show it [m]: about their middle, of a single place
+        about the origin; 1 m where they show none.
+        """
         if not self.m:
             return 1.0
         off_centre = self.attachments - self.attachments.mean(0)
-        return float(np.sqrt(np.mean(np.sum(off_centre**2, axis=1))))
+        radius = float(np.sqrt(np.mean(np.sum(off_centre**2, axis=1))))
+        return radius or float(np.linalg.norm(self.attachments[0])) or 1.0
 
     def __repr__(self) -> str:
         body = (

@@ -138,6 +138,7 @@ def without_doubles(
                 time=stream.time[use],
                 values={key: values[use] for key, values in stream.values.items()},
                 angles={key: values[use] for key, values in stream.angles.items()},
+                off={key: values[use] for key, values in stream.off.items()},
             )
             begin, end = stream.time[1:][same][[0, -1]].tolist()
             faults.append(Fault("doubled", name, "", begin, end, int(same.sum())))

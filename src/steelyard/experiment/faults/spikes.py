@@ -1,8 +1,8 @@
 """Single readings that stand alone: a bit that has flipped in a file or on the way, a glitch of a
 converter.
 
-The readings before and after it agree with each other, and it is far from both. Nothing here knows
-the motion: no motion, knock or hand is seen by one reading of a channel and by none beside it, as
+The readings before and after it agree with each other, and it is far from both; or it is no rotation
+though all others of its log are: a quaternion of another length. Nothing here knows the motion: no motion, knock or hand is seen by one reading of a channel and by none beside it, as
 long as a channel is read often enough to be followed at all.
 """
 
@@ -37,6 +37,11 @@ class SpikeSettings:
     and a step stays."""
     gap: float = 1.5
     """Step of time in units of the median beyond which readings are not beside each other."""
+    off: float = 100.0
+    """How far numbers are from a rotation, in units of what three quarters of a log are at most: it
+    is rounding, alike in all of them."""
+    least_off: float = 1e-6
+    """The same at least: less changes nothing."""
     most: float = 0.005
     """Part of the readings beyond which they are the nature of the noise, and no fault."""
 
@@ -83,6 +88,24 @@ def spikes(time: Array, values: Array, settings: SpikeSettings = SPIKES) -> NDAr
     return found if found.sum() <= max(1, settings.most * len(there)) else np.zeros_like(found)
 
 
+def no_rotations(off: Array, settings: SpikeSettings = SPIKES) -> NDArray[np.bool_]:
+    """Rotations that are none though all others of their log are.
+
+    Args:
+        off: How far the numbers of each are from a rotation, shape (n,); NaN where there is none.
+        settings: Levels of the decision.
+
+    Returns:
+        Shape (n,).
+    """
+    there = np.isfinite(off)
+    if there.sum() < settings.around:
+        return np.zeros(len(off), dtype=bool)
+    usual = float(np.percentile(off[there], settings.usual))
+    found = np.nan_to_num(off) > max(settings.off * usual, settings.least_off)
+    return found if found.sum() <= max(1, settings.most * there.sum()) else np.zeros_like(found)
+
+
 def _between(a: Array, b: Array, c: Array, d: Array) -> Array:
     """What a cubic through the two before and the two after has between them."""
     return np.asarray((4 * (b + c) - a - d) / 6)
@@ -121,6 +144,7 @@ def without_spikes(
             at = stream.time[mask].tolist()
             faults.append(Fault("spike", name, label, at[0], at[-1], len(at)))
             kept[name] = replace(stream, values=values)
+        kept[name] = replace(kept[name], off={})
     return kept, tuple(faults)
 
 
@@ -130,5 +154,7 @@ def _alone(
     """Channels with readings that stand alone: name, quantity, component, and these, shape (n,)."""
     for label, quantity, component, values in channels(stream):
         mask = spikes(stream.time, values, settings)
+        if quantity in stream.off:
+            mask |= no_rotations(stream.off[quantity], settings)
         if mask.any():
             yield label, quantity, component, mask

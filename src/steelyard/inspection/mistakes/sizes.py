@@ -24,6 +24,7 @@ from steelyard.inspection.mistakes.amendment import (
     units_key,
 )
 from steelyard.inspection.mistakes.columns import LIKELY_UNITS
+from steelyard.inspection.mistakes.geometry import in_millimetres
 from steelyard.inspection.mistakes.search import Mistake
 from steelyard.inspection.settings import SIZES, STREAMS, SizeSettings
 from steelyard.inspection.streams import white_noise
@@ -49,21 +50,10 @@ def _mistake(experiment: Experiment, amendment: Amendment, run: str, said: str) 
 
 def _of_robot(experiment: Experiment, settings: SizeSettings) -> Iterator[Mistake]:
     """Anchors or attachments in millimetres."""
-    robot = experiment.robot
-    if not robot.m or not experiment.runs:
+    found = in_millimetres(experiment, settings)
+    if found is None:
         return
-    hall, platform = (
-        float(np.linalg.norm(points - points.mean(axis=0), axis=1).mean())
-        for points in (robot.anchors, robot.attachments)
-    )
-    wrong = []
-    if hall > settings.largest_hall:
-        wrong.append(f"anchors lie {hall:.4g} m about their middle")
-    if platform > settings.largest_platform:
-        wrong.append(f"attachments lie {platform:.4g} m about theirs")
-    if not wrong:
-        return
-    which = " and ".join(each.split()[0] for each in wrong)
+    which = found.which
     amendment = Subject(ROBOT, "anchors, attachments").amendment(
         "unit of the geometry",
         f"has {which} in mm, not in m",
@@ -71,7 +61,7 @@ def _of_robot(experiment: Experiment, settings: SizeSettings) -> Iterator[Mistak
         lambda excerpt: excerpt,
         SIMPLE,
     )
-    yield _mistake(experiment, amendment, experiment.runs[0].name, "; ".join(wrong))
+    yield _mistake(experiment, amendment, experiment.runs[0].name, found.said)
 
 
 def _of_forces(experiment: Experiment, settings: SizeSettings) -> Iterator[Mistake]:
