@@ -22,7 +22,7 @@ from steelyard.inertia import TEN
 from steelyard.motion.state import State, state_of_pose
 from steelyard.robot.cable_inertia import cable_inertia_expression
 from steelyard.robot.kinematics import cable_wrench, cables_at
-from steelyard.robot.model import Robot
+from steelyard.robot.model import DIRECTIONS, Robot
 from steelyard.robot.surroundings import (
     HOSE,
     air_wrench,
@@ -197,11 +197,13 @@ def structure_matrices(
     """
     straight = robot.with_straight_cables()
     taut = taut_structure(straight)
+    # Of one cable a column, which has no axis of its own.
+    shape = (-1, DIRECTIONS, robot.m)
     structure = taut(position=position, rotation=rotation, **calibration.geometry)["structure"]
+    structure = structure.reshape(shape)
     if not robot.cable.linear_density:
         return structure
     as_stated = {"anchors": robot.anchors.ravel(), "attachments": robot.attachments.ravel()}
     sagging = cables_at(robot, position, rotation, tension).structure
-    return np.asarray(
-        structure + sagging - taut(position=position, rotation=rotation, **as_stated)["structure"]
-    )
+    stated = taut(position=position, rotation=rotation, **as_stated)["structure"].reshape(shape)
+    return np.asarray(structure + sagging - stated)

@@ -21,7 +21,6 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
     clock_of,
 )
-from steelyard.identification.model.knot_spacing import Channelled, best_spacing
 from steelyard.identification.model.motion_segment import (
     PARTS,
     Reading,
@@ -33,6 +32,7 @@ from steelyard.identification.model.segment import motion_at
 from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.force_noise import force_sigma, least_sigma
+from steelyard.identification.samples.knot_spacing import Channelled, best_spacing
 from steelyard.identification.samples.preparation import Samples
 from steelyard.instruments.base import Part
 from steelyard.instruments.equations import order_of

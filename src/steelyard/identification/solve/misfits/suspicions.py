@@ -217,6 +217,9 @@ def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) 
     for entries in suspects.values():
         keys = frozenset((each.owner, each.key, each.run) for each in entries)
         own = np.concatenate([np.r_[places[e.owner, e.key, e.run]] for e in entries])
+        if not len(own):
+            # Crosstalk of one cable.
+            continue
         chance, moved = gains.chance(own)
         if entries[0].owner != ROBOT:
             # One of many numbers may be alone: among all of them it would be lost.

@@ -7,8 +7,8 @@ from scipy.interpolate import BSpline
 from scipy.optimize import minimize_scalar
 from scipy.stats import Covariance, multivariate_normal
 
-from steelyard.identification.model.knot_spacing import Channelled, best_spacing, evidence
 from steelyard.identification.model.settings import MotionSettings
+from steelyard.identification.samples.knot_spacing import Channelled, best_spacing, evidence
 from steelyard.smoothing import DEGREE, knots
 
 pytestmark = pytest.mark.integration
