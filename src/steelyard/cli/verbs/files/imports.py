@@ -58,8 +58,9 @@ def import_(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Make a robot file of FILE..., from CASPR XML (bodies and cables), IRMA JSON, cdpyr, ROS-style
-    YAML, the configuration of a cable printer, or a URDF or MJCF of the platform.
+    """Make a robot file of FILE..., from CASPR XML (bodies and cables), WireCenter (.wcrfx), IRMA
+    JSON, cdpyr, ROS-style YAML, the configuration of a cable printer, or a URDF or MJCF of the
+    platform.
 
     The format is recognised by what stands in the files. What was taken for what, left out and
     assumed is said, also at the top of the robot file.
