@@ -8,7 +8,8 @@ import sys
 
 import pytest
 
-from steelyard.cli.printing import parts, progress, time_left
+from steelyard.cli.printing import parts, progress
+from steelyard.display import time_left
 from steelyard.identification.identify import _shares, chosen_methods
 
 SCRIPT = """
