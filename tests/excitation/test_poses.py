@@ -1,11 +1,13 @@
 """Poses at rest for a calibration: what is promised of them, and that no others are as good."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from grids import columns, is_a_deviation
 from scipy.spatial.transform import Rotation
 
 from steelyard.calibration.calibrate import calibrate
@@ -20,6 +22,7 @@ from steelyard.excitation.settings import DesignSettings
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.experiment.read import read_experiment
 from steelyard.instruments import Attitude, Length, Position, Tension
+from steelyard.report.documents.poses import poses_document
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
 
@@ -144,6 +147,15 @@ def test_the_poses_beat_a_regular_grid_and_random_ones(planned, designed):
 def _constraints(experiment, level):
     robot = experiment.robot
     return MotionConstraints(robot, experiment.instruments, Margin(0.2, robot.size), level, 1.0)
+
+
+def test_each_deviation_is_written_with_two_digits(designed):
+    written = columns(poses_document(designed), r"^[xyz]$|before|1-sigma$|these poses|grid")
+    assert len(written) > 20
+    assert [text for text in written if not is_a_deviation(text)] == []
+    assert all(
+        re.fullmatch(r"\d+\.\d\d", each) for each in columns(poses_document(designed), "ratio")
+    )
 
 
 def test_every_pose_can_be_held_within_the_limits(planned, designed):

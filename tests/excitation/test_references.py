@@ -3,12 +3,14 @@ estimates from noisy recordings.
 """
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from grids import columns, is_a_deviation
 from simulated import BODY, CENTER, EXACT, PAPER, REACH, ROBOT, Recorder, changed
 
 from steelyard.cli.verbs.design import design as design_verb
@@ -189,7 +191,13 @@ def test_the_table_is_written():
     assert best["ratio"]["mass"] == pytest.approx(
         best["standard_deviation"]["mass"] / values["without"]["standard_deviation"]["mass"]
     )
-    said = markdown(reference_document(design))
+    document = reference_document(design)
+    deviations = columns(document, r"\[mm\]|\[kg|^nothing$|^\d$")
+    assert len(deviations) > 20
+    assert [text for text in deviations if not is_a_deviation(text)] == []
+    ratios = columns(document, "ratio")
+    assert all(re.fullmatch(r"\d+\.\d\d", text) for text in ratios)
+    said = markdown(document)
     assert "Most helps: " in said
     assert "reference: {added: {mass: {value: 32.21, sigma: 0.01}" in said
 

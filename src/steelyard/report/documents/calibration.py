@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from steelyard.calibration.first_poses import UPRIGHT
-from steelyard.digits import figures, fixed, number
+from steelyard.digits import deviation, figures, fixed, number
 from steelyard.report.blocks.document import (
     Block,
     Document,
@@ -42,7 +42,7 @@ def _lead(found: GeometryCalibration) -> Statement:
     sigma = np.concatenate([each[found.told[key]] for key, each in found.deviations.items()])
     moved = [np.linalg.norm(each, axis=1).max() for each in found.moved.values()]
     said = (
-        f"1-sigma of a coordinate {figures(_MM * np.median(sigma), 2)} mm in the median"
+        f"1-sigma of a coordinate {deviation(_MM * np.median(sigma))} mm in the median"
         if sigma.size
         else ""
     )
@@ -97,7 +97,7 @@ def _others(found: GeometryCalibration) -> Grid:
             parameters.names[place],
             entry.unit,
             number(float(values[place]), float(sigma[place])),
-            figures(found.found.parameters.deviation[place], 3),
+            deviation(found.found.parameters.deviation[place]),
         )
         for place, entry, i in parameters.components()
         if entry.owner not in {"robot", UPRIGHT} and entry.deviation[i] > 0 and entry.key != "delay"
