@@ -11,7 +11,7 @@ from grids import columns, is_a_deviation
 from scipy.spatial.transform import Rotation
 
 from steelyard.calibration.calibrate import calibrate
-from steelyard.cli.verbs.design import design as design_verb
+from steelyard.cli import app
 from steelyard.errors import InputError
 from steelyard.excitation.limits.motion_constraints import Margin, MotionConstraints
 from steelyard.excitation.poses.candidate_poses import candidate_poses, in_sequence, regular_grid
@@ -251,7 +251,7 @@ def test_the_verb_writes_poses_that_an_experiment_reads(tmp_path):
     sensors.write_text(SENSORS)
     out = tmp_path / "out"
     words = ["cogiro", "--calibration", "--poses", "6", "--sensors", str(sensors)]
-    ran = CliRunner().invoke(design_verb, [*words, "--out", str(out)])
+    ran = CliRunner().invoke(app, ["design", *words, "--out", str(out)])
     assert ran.exit_code == 0, ran.output
     assert "6 poses at rest" in ran.stdout
     assert "Taken as exact" in ran.stdout
@@ -280,8 +280,8 @@ def test_the_verb_writes_poses_that_an_experiment_reads(tmp_path):
 
 def test_options_of_a_motion_are_refused():
     for words in (["--duration", "20"], ["--check", "paper"], ["--target", "mass=1"]):
-        ran = CliRunner().invoke(design_verb, ["cogiro", "--calibration", *words])
+        ran = CliRunner().invoke(app, ["design", "cogiro", "--calibration", *words])
         assert isinstance(ran.exception, InputError)
         assert "leave it out" in str(ran.exception)
-    ran = CliRunner().invoke(design_verb, ["cogiro", "--duration", "20", "--poses", "5"])
+    ran = CliRunner().invoke(app, ["design", "cogiro", "--duration", "20", "--poses", "5"])
     assert "--poses: expected no such option" in ran.exception.on_command_line

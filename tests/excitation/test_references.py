@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from grids import columns, is_a_deviation
 from simulated import BODY, CENTER, EXACT, PAPER, REACH, ROBOT, Recorder, changed
 
-from steelyard.cli.verbs.design import design as design_verb
+from steelyard.cli import app
 from steelyard.errors import InputError
 from steelyard.excitation.information.noise_free_recording import (
     fit_noise_free,
@@ -253,9 +253,9 @@ def test_what_cannot_be_predicted_is_refused():
     with pytest.raises(InputError, match="expected the noise of its tension"):
         design_references(replace(experiment, instruments=silent))
     for words in (["--start", *"000000"], ["--body", "x"], ["--after", "x"]):
-        ran = CliRunner().invoke(design_verb, ["cogiro", "--reference", *words])
+        ran = CliRunner().invoke(app, ["design", "cogiro", "--reference", *words])
         assert "expected no such option with reference" in str(ran.exception)
-    ran = CliRunner().invoke(design_verb, ["cogiro", "--reference", "--calibration"])
+    ran = CliRunner().invoke(app, ["design", "cogiro", "--reference", "--calibration"])
     assert (
         "--reference: expected no such option with --calibration" in ran.exception.on_command_line
     )

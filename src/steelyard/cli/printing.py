@@ -27,12 +27,23 @@ def print_json(values: Mapping[str, Any]) -> None:
     print(to_json(values, ascii_only=True))
 
 
-def in_lines(text: str, stream: TextIO) -> str:
+def in_lines(text: str, stream: TextIO, indent: str = "") -> str:
     """A sentence in lines of whole words where it is for a terminal; elsewhere in one line."""
     if not stream.isatty():
-        return text
-    width = shutil.get_terminal_size().columns
-    return textwrap.fill(text, width, break_long_words=False, break_on_hyphens=False)
+        return f"{indent}{text}"
+    return textwrap.fill(
+        text,
+        shutil.get_terminal_size().columns,
+        initial_indent=indent,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def say(text: str, indent: str = "") -> None:
+    """Print a sentence; see :func:`in_lines`. Commands are printed as they are, to be copied."""
+    print(in_lines(text, sys.stdout, indent))
 
 
 def print_result(values: Mapping[str, Any], document: Document, *, as_json: bool) -> None:
@@ -113,4 +124,4 @@ def print_samples(samples: Mapping[str, Mapping[str, int]]) -> None:
     """Print a line a run; see :func:`samples_of`."""
     for name, streams in samples.items():
         counts = (f"{count} samples of {stream}" for stream, count in streams.items())
-        print(f"  {name}: {', '.join(counts)}")
+        say(f"{name}: {', '.join(counts)}", "  ")

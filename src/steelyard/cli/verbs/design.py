@@ -20,7 +20,7 @@ from steelyard.cli.options import (
     seed_option,
     sensors_option,
 )
-from steelyard.cli.printing import print_result, progress
+from steelyard.cli.printing import print_result, progress, say
 from steelyard.errors import InputError
 
 if TYPE_CHECKING:
@@ -423,15 +423,17 @@ def _print_next_steps(found: Design, place: str, out: Path) -> None:
     from steelyard.excitation.plan import is_experiment
 
     if not found.in_time:
-        print(
+        say(
             "The time was up before all searches had ended: another run may find another"
             " motion; a larger --budget helps."
         )
     files = ", ".join(name for _, name in command_names(found.appraisal))
     quoted = f"'{place}'" if " " in place else place
-    print(f"\n{files} and {RESULT} are in {out}/; {REPORT}.html shows the motion.")
+    print()
+    say(f"{files} and {RESULT} are in {out}/; {REPORT}.html shows the motion.")
     if is_experiment(place):
-        print(f"Record the motion, add it as a run to {place}, then: steelyard identify {quoted}")
+        say(f"Record the motion, add it as a run to {place}, then:")
+        print(f"  steelyard identify {quoted}")
         return
     print("Try it on the simulated robot next:")
     print(

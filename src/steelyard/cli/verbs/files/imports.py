@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from steelyard.cli.options import common, force_option, out_option
-from steelyard.cli.printing import print_json
+from steelyard.cli.printing import print_json, say
 from steelyard.errors import InputError
 
 
@@ -85,6 +85,6 @@ def import_(
         return
     made = imported.robot
     plural = "" if made.m == 1 else "s"
-    print(f"{out}: {made.name}, {made.m} cable{plural}, from {imported.format}")
+    say(f"{out}: {made.name}, {made.m} cable{plural}, from {imported.format}")
     for note in imported.notes:
-        print(f"  {note}")
+        say(note, "  ")
