@@ -10,10 +10,12 @@ from steelyard.campaigns.study.power import LEVEL as BINOMIAL
 from steelyard.campaigns.study.power import SOUND, WRONG
 from steelyard.campaigns.study.result import Study
 from steelyard.campaigns.study.summary import LEVEL, MethodSummary
-from steelyard.digits import LABELS, deviation, fixed, number
+from steelyard.digits import LABELS, SHORT_LABELS, deviation, figures, fixed, number
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.blocks.document import Document, Grid, Section, Statement, Statements
 from steelyard.report.blocks.shown import slug
+
+_LARGE_RATIO = 10.0
 
 
 def study_document(found: Study) -> Document:
@@ -60,10 +62,10 @@ def _lead(found: Study) -> Statement:
 def _simulated(each: MethodSummary) -> Grid:
     """Errors against the truth."""
     rows = []
-    for p, (name, unit, factor) in enumerate(LABELS):
+    for p, (_, unit, factor) in enumerate(LABELS):
         rows.append(
             (
-                name,
+                SHORT_LABELS[p],
                 unit,
                 *_errors(each, p, factor),
                 deviation(each.bound[p] * factor),
@@ -89,12 +91,12 @@ def _resampled(each: MethodSummary) -> Grid:
     """Scatter of what was drawn about the estimate of the whole."""
     rows = tuple(
         (
-            name,
+            SHORT_LABELS[p],
             unit,
             *_errors(each, p, factor),
             _ratio(each.rmse[p], each.stated[p]),
         )
-        for p, (name, unit, factor) in enumerate(LABELS)
+        for p, (_, unit, factor) in enumerate(LABELS)
     )
     head = ("parameter", "unit", "mean shift", "scatter", "stated 1-sigma", "scatter / stated")
     return Grid(
@@ -114,9 +116,11 @@ def _errors(each: MethodSummary, p: int, factor: float) -> Iterator[str]:
 
 
 def _ratio(value: float, unit: float) -> str:
-    """A share or a ratio with two digits behind the point; a dash where there is none."""
+    """A share or a ratio with two digits behind the point, of large ones three in all; a dash where
+    there is none.
+    """
     share = value / unit if unit else np.nan
-    return fixed(share, 2) if np.isfinite(share) else "-"
+    return fixed(share, 2) if share < _LARGE_RATIO else figures(share)
 
 
 def _power(each: MethodSummary, found: Study) -> Iterator[Grid | Statements]:
@@ -179,7 +183,7 @@ def _sentences(each: MethodSummary, found: Study) -> Iterator[Statement]:
     if not found.bootstrap and each.joint_count:
         limit = 10 + 3 * np.sqrt(20 / each.joint_count)
         yield Statement(
-            f"{each.method}: squared error of all ten over their covariance {each.joint:.2f} on"
+            f"{each.method}: squared error of all ten over their covariance {figures(each.joint)} on"
             f" average of {each.joint_count}; 10 where the covariance is true",
             "bad" if each.joint > limit else "",
         )

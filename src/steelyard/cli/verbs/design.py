@@ -306,10 +306,12 @@ def _propose_poses(
             write_provenance(folder, shown.out, named_files(sys.argv[1:], shown.out), sys.argv[1:])
     print_result(poses_dict(found), document, as_json=shown.as_json)
     if shown.out is not None and not shown.as_json:
-        print(
-            f"\nThe poses are in {shown.out / POSES}. Record one row a pose with every instrument, as"
-            " a run with 'static: true', then: steelyard calibrate EXPERIMENT --out DIR"
+        print()
+        say(
+            f"The poses are in {shown.out / POSES}. Record one row a pose with every instrument, as"
+            " a run with 'static: true', then:"
         )
+        print("  steelyard calibrate EXPERIMENT --out DIR")
 
 
 def _propose_swings(
@@ -351,10 +353,12 @@ def _propose_swings(
                 )
     print_result(swings_dict(found), document, as_json=shown.as_json)
     if shown.out is not None and not shown.as_json:
-        print(
-            f"\n{RESULT} and {ROBOT}, with the cables that stay, are in {shown.out}/. Record each swing"
-            " as a run with 'winches: locked', then: steelyard identify EXPERIMENT --out DIR"
+        print()
+        say(
+            f"{RESULT} and {ROBOT}, with the cables that stay, are in {shown.out}/. Record each swing"
+            " as a run with 'winches: locked', then:"
         )
+        print("  steelyard identify EXPERIMENT --out DIR")
 
 
 def _numbers_of(cables: str | None) -> list[int] | None:
