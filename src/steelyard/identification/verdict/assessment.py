@@ -15,10 +15,14 @@ from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.diagnosis import diagnose
 from steelyard.identification.verdict.directed_tests import Finding, directed_tests, of_description
 from steelyard.identification.verdict.known_values import against_readings
+from steelyard.identification.verdict.resonance import resonance
 from steelyard.identification.verdict.seen_frequencies import of_frequencies
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
-from steelyard.identification.verdict.swinging import swinging
-from steelyard.identification.verdict.unmodelled import of_disturbances, scatter_beside
+from steelyard.identification.verdict.unmodelled import (
+    of_contacts,
+    of_disturbances,
+    scatter_beside,
+)
 from steelyard.identification.verdict.winches import turned_winches
 from steelyard.inertia import TEN, body_jacobian
 
@@ -37,13 +41,14 @@ def reasons(
     """
     tests = directed_tests(posterior, settings) if tests is None else tests
     contradictions = [*_of_motion(posterior, settings), *_of_forces(posterior, settings)]
-    load = swinging(posterior)
+    moving = resonance(posterior, settings)
     weighed = posterior.calibration.calibration_parameters.weighed
     return [
         *contradictions,
         *of_disturbances(posterior, settings),
+        *of_contacts(posterior, settings),
         *_of_clipped(posterior, settings),
-        *([] if load is None else [str(load)]),
+        *([] if moving is None else [str(moving)]),
         *(diagnose(posterior, settings) if contradictions else ()),
         *_of_runs(posterior, settings),
         *(

@@ -111,7 +111,7 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
     z = score / np.sqrt(np.maximum(noise, 1e-300))
     components = {TEN + place: unknown for place, unknown, _ in calibration_parameters.components()}
     moves = -solution.gain[:TEN][:, use] @ total.normal[np.ix_(use, tested)]
-    length = _length_of(posterior)
+    length = length_of(posterior)
     for i, column in enumerate(tested):
         if diagonal[i] < settings.its_own * own[i]:
             continue
@@ -167,7 +167,7 @@ def _of_priors(posterior: Posterior, settings: VerdictSettings) -> Iterator[Find
     )
     variance = np.diag(posterior.solution.covariance)[TEN:]
     moves = posterior.solution.covariance[:TEN, TEN:]
-    length = _length_of(posterior)
+    length = length_of(posterior)
     for place, unknown, component in calibration_parameters.components():
         if unknown.is_load:
             # What is known of it is held against the readings beside what is known of bodies.
@@ -191,7 +191,7 @@ def _of_priors(posterior: Posterior, settings: VerdictSettings) -> Iterator[Find
         )
 
 
-def _length_of(posterior: Posterior) -> Callable[[Array], float]:
+def length_of(posterior: Posterior) -> Callable[[Array], float]:
     """Length of a change of the ten linear parameters, shape (10,), in the 1-sigma of what is told: a
     function, since it is asked of hundreds.
     """

@@ -51,6 +51,11 @@ class VerdictSettings:
     largest_torque: float = 0.25
     """The same of an unmodelled torque, as a part of that which turns the body: by how much of it
     follows the motion by chance, some per cent of the moments are not told."""
+    many_contacts: int = 3
+    """Contacts from which what goes on between them is compared with them."""
+    contacts_stand_out: float = 0.15
+    """Part of the force of contacts that an unmodelled one between them may be: hands and obstacles
+    stand out of all else."""
     biased: float = 2.0
     """A bias by noise in the regressor of so many 1-sigma is no longer small, so that a correction
     of first order need not be enough."""

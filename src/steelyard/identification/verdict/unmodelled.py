@@ -59,6 +59,35 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
                 )
 
 
+def of_contacts(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
+    """An unmodelled force that goes on between many contacts and is not much smaller than they: it is
+    the same thing, of which only the largest moments were left out.
+    """
+    force = next(iter(UNMODELLED_PARTS))
+    fit = posterior.fit.state
+    assert fit.parameters is not None
+    for segment, forces in zip(fit.segments, posterior.force_samples, strict=True):
+        times = posterior.contacts.get(segment.run, ())
+        touched = forces.touched
+        processes = () if segment.static else segment.processes_of(force)
+        if len(times) < settings.many_contacts or not touched.any() or not processes:
+            continue
+        at = balance_of(
+            posterior.experiment, segment, forces, fit.calibration, fit.parameters, fit.factors
+        )
+        between = np.linalg.norm(at.disturbance[:, :3], axis=1)
+        there = np.linalg.norm((at.left_over + at.disturbance)[:, :3], axis=1)
+        usual, at_contacts = (
+            float(np.sqrt(np.mean(each**2))) for each in (between[~touched], there[touched])
+        )
+        if usual > settings.contacts_stand_out * at_contacts:
+            yield (
+                f"run '{segment.run}': something seems to touch the platform {len(times)} times with"
+                f" {at_contacts:.2g} N, and {usual:.2g} N rms go on between: that is one thing rather"
+                " than many, such as a load that swings, a hose or a guide; fix it or take it off"
+            )
+
+
 def scatter_beside(posterior: Posterior) -> float:
     """Variance that the unmodelled wrench and coloured noise of the forces make beside the residual,
     in units of the noise of the forces: noise that goes on for a while is taken up by them, so that

@@ -1,0 +1,312 @@
+"""Whether something moves against the platform: a load on a string, a liquid that sloshes, a part
+that bends.
+
+Its pull follows the platform's acceleration by a response of its own, so that neither a rigid body
+nor a process that is independent of the motion can stand for it, and the body is wrong by it. A score
+test [Rao1948]_ asks, at one frequency after the other, whether the balance of forces holds better
+with such a pull. What resembles one by chance, or since some error of the description also follows
+the acceleration, does so at neighbouring frequencies as well; a resonance does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import bilinear, lfilter
+from scipy.spatial.transform import Rotation
+
+from steelyard.arrays import Array
+from steelyard.estimates.quantiles import chi2_tail
+from steelyard.identification.model.balance import Forces, balance_of, regressor_at
+from steelyard.identification.model.motion_residuals import Segment
+from steelyard.identification.model.segment import motion_at
+from steelyard.identification.solve.posterior import Posterior
+from steelyard.identification.verdict.directed_tests import length_of
+from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
+from steelyard.inertia import TEN
+from steelyard.robot.model import DIRECTIONS
+
+_STEP = 0.01
+"""Between the instants at which a response is followed [s]."""
+_PERIODS = 4.0
+"""Of a resonance that is looked for, within a stretch."""
+_RATIO = 1.06
+"""Of a frequency over the one before: responses with these damping ratios are as wide."""
+_BESIDE = 1.4
+"""Of frequencies beside a resonance."""
+_SHARP = 3.0
+"""By how much more the cost falls at a resonance than beside it."""
+_CHANCE = 1e-10
+"""Probability of it by chance, over all frequencies: errors of the description come first."""
+_INDEPENDENT = 1e-9
+"""Part of the largest singular value below which columns tell the same."""
+_WHOLE = 60.0
+"""Stretch of all runs that is looked at [s]: a resonance that matters shows in it."""
+_SAMPLES = 60.0
+"""Of them a second: four of every period."""
+
+
+class _Kind(NamedTuple):
+    """What moves against the platform."""
+
+    name: Literal["swings", "bends"]
+    lowest: float
+    highest: float
+    """Frequencies that are looked for [Hz]."""
+    damping: float
+    """Ratio."""
+
+
+_KINDS = (
+    # On strings of some metres to some centimetres, or a liquid: level, in the world.
+    _Kind("swings", 0.25, 3.2, 0.02),
+    # On something elastic, along the axes of the platform, whose weight it feels too.
+    _Kind("bends", 1.5, 14.0, 0.03),
+)
+
+
+@dataclass(frozen=True)
+class Resonance:
+    """Something that moves against the platform."""
+
+    name: Literal["swings", "bends"]
+    frequency: float
+    """[Hz]"""
+    mass: float | None
+    """[kg]; None: nothing tells it."""
+    shift: float
+    """How far the estimate moves with it, in its 1-sigma."""
+
+    def __str__(self) -> str:
+        seems = (
+            f"seems to {'swing' if self.name == 'swings' else 'move'} at {self.frequency:.2g} Hz"
+        )
+        moves = f"it moves the estimate by {self.shift:.1f} sigma"
+        if self.mass is not None:
+            return (
+                f"something of about {self.mass:.2g} kg {seems} below the platform ({moves}), which is"
+                " no part of a rigid body; fix it, or take it off and add it afterwards"
+            )
+        return (
+            f"a part of the platform {seems} against the rest ({moves}), which is no part of a rigid"
+            " body; stiffen it or fix it, or move more slowly than it does"
+        )
+
+
+def resonance(found: Posterior, settings: VerdictSettings = VERDICT) -> Resonance | None:
+    """What moves against the platform most; None: nothing that matters does.
+
+    Args:
+        found: What the estimate stands on.
+        settings: How much matters.
+    """
+    stretches = list(_stretches(found))
+    if not stretches:
+        return None
+    duration = max(each.duration for each in stretches)
+    best: tuple[float, Resonance] | None = None
+    for kind in _KINDS:
+        lowest = max(kind.lowest, _PERIODS / duration)
+        if lowest >= kind.highest:
+            continue
+        count = 1 + int(np.ceil(np.log(kind.highest / lowest) / np.log(_RATIO)))
+        frequencies = np.geomspace(lowest, kind.highest, count)
+
+        def tested(frequency: float, kind: _Kind = kind) -> _Test:
+            return _tested(stretches, kind, float(frequency))
+
+        falls = [tested(each).fall for each in frequencies]
+        likeliest = float(frequencies[int(np.argmax(falls))])
+        test = tested(likeliest)
+        if not _is_resonance(test, likeliest, tested, count):
+            continue
+        shift = length_of(found)(test.body)
+        if shift > settings.matters and (best is None or test.fall > best[0]):
+            mass = -float(test.pull[0]) if kind.name == "swings" else None
+            if mass is None or mass > 0:
+                best = test.fall, Resonance(kind.name, likeliest, mass, shift)
+    return None if best is None else best[1]
+
+
+class _Test(NamedTuple):
+    """A pull that follows the acceleration, in all stretches."""
+
+    fall: float
+    """Decrease of the cost, chi-square where there is none."""
+    pull: Array
+    """Its size, shape (c,): mass, and mass times place, for each direction."""
+    body: Array
+    """By how much the ten parameters of the body change with it, shape (10,)."""
+
+
+def _is_resonance(
+    test: _Test, frequency: float, tested: Callable[[float], _Test], count: int
+) -> bool:
+    """Whether it is surely there, and at no other frequency."""
+    if float(chi2_tail(test.fall, len(test.pull))) * count > _CHANCE:
+        return False
+    beside = (tested(frequency * _BESIDE), tested(frequency / _BESIDE))
+    return all(test.fall > _SHARP * each.fall for each in beside)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """The balance of forces along a segment, without processes, whitened, n samples."""
+
+    time: Array
+    """Within the segment [s], shape (n,)."""
+    duration: float
+    """[s]"""
+    instants: Array
+    """Every .01 s [s], shape (t,)."""
+    level: Array
+    """Acceleration across gravity, world frame [m/s^2], shape (t, 3)."""
+    felt: Array
+    """Specific force, platform frame [m/s^2], shape (t, 3)."""
+    rotation: Array
+    """R_world_platform at the samples, shape (n, 3, 3)."""
+    whitener: Array
+    """Shape (n, 6, 6)."""
+    use: NDArray[np.bool_]
+    """Shape (n,)."""
+    kept: float
+    """Correlation of what is left over from sample to sample."""
+    base: Array
+    """Orthonormal columns of the body and of offsets, shape (6 n - 6, b)."""
+    body: Array
+    """By how much the body follows the residual, shape (10, 6 n - 6)."""
+    over: Array
+    """What is left over, in units of its scatter, shape (6 n - 6,)."""
+    scatter: float
+
+    def rows(self, columns: Array) -> Array:
+        """Columns of the balance as the residual is, shape (6 n - 6, c), from shape (n, 6, c)."""
+        return _innovations(self.whitener @ columns, self.use, self.kept) / self.scatter
+
+    def response(self, kind: _Kind, frequency: float) -> Array:
+        """Pull of a kilogramme, platform frame [N], shape (n, 3)."""
+        omega = 2 * np.pi * frequency
+        b, a = bilinear([-(omega**2)], [1.0, 2 * kind.damping * omega, omega**2], 1 / _STEP)
+        driven = self.level if kind.name == "swings" else self.felt
+        # It begins as it would hang at rest.
+        followed = lfilter(b, a, driven - driven[0], axis=0) - driven[0]
+        pull = np.column_stack([np.interp(self.time, self.instants, u) for u in followed.T])
+        if kind.name == "bends":
+            return pull
+        return np.asarray(np.einsum("nji,nj->ni", self.rotation, pull))
+
+
+def _innovations(rows: Array, use: NDArray[np.bool_], kept: float) -> Array:
+    """What is new of each sample, shape (6 n - 6, …), from shape (n, 6, …)."""
+    new = rows[1:] - kept * rows[:-1]
+    both = use[1:] & use[:-1]
+    new = new * both.reshape(-1, *[1] * (rows.ndim - 1))
+    return np.asarray(new.reshape(-1, *rows.shape[2:]))
+
+
+def _stretches(found: Posterior) -> Iterator[_Stretch]:
+    """Of the segments in motion, a minute in all."""
+    left = _WHOLE
+    for segment, forces in zip(found.fit.state.segments, found.force_samples, strict=True):
+        if segment.static or forces is None or forces.guessed.all() or left <= 0:
+            continue
+        stretch = _stretch(found, segment, forces, left)
+        if stretch is not None:
+            left -= stretch.duration
+            yield stretch
+
+
+def _stretch(found: Posterior, segment: Segment, forces: Forces, longest: float) -> _Stretch | None:
+    """The beginning of a segment; None: there is too little of it."""
+    state = found.fit.state
+    assert state.parameters is not None
+    start, end = segment.span
+    step = float(np.median(np.diff(forces.time))) if len(forces.time) > 1 else np.inf
+    every = max(1, round(1 / (_SAMPLES * step))) if np.isfinite(step) else 1
+    part = forces.part(slice(0, int(longest / step) if step > 0 else None, every))
+    at = balance_of(
+        found.experiment, segment, part, state.calibration, state.parameters, state.factors
+    )
+    use = segment.holds(at.time) & ~part.touched
+    calibrated = found.calibration.calibration_parameters
+    if np.sum(use) < 2 * (TEN + calibrated.m):
+        return None
+    end = min(end, float(at.time[-1]))
+    instants = np.arange(start, end, _STEP)
+    pose, _, acceleration, _ = motion_at(segment.basis(instants), segment.coefficients)
+    turned = Rotation.from_quat(pose[:, 3:], scalar_first=True).as_matrix()
+    gravity = state.calibration.gravity
+    down = gravity / np.linalg.norm(gravity)
+    level = acceleration[:, :3] - np.outer(acceleration[:, :3] @ down, down)
+    felt = np.einsum("nji,nj->ni", turned, acceleration[:, :3] - gravity)
+    over = at.left_over + np.einsum("nij,nj->ni", at.measured.unmodelled.wrench, at.disturbance)
+    over = over + np.einsum("nir,nr->ni", at.by_reading, at.coloured)
+    white = np.einsum("nij,nj->ni", at.whitener, over)
+    body = -regressor_at(found.experiment, segment, at.time, state.calibration)
+    columns = at.whitener @ np.concatenate([body, at.by_reading], axis=2)
+    columns = columns / np.maximum(np.sqrt(np.mean(columns**2, axis=(0, 1))), 1e-300)
+    # First as if it were white, then as it is correlated.
+    own = _beside(_orthonormal(_innovations(columns, use, 0.0)), _innovations(white, use, 0.0))
+    own = own.reshape(-1, DIRECTIONS)
+    kept = float(np.sum(own[1:] * own[:-1]) / max(float(np.sum(own**2)), 1e-300))
+    base = _orthonormal(_innovations(columns, use, kept))
+    residual = _beside(base, _innovations(white, use, kept))
+    square = float(residual @ residual) / (DIRECTIONS * int(np.sum(use)))
+    scatter = max(np.sqrt(square), 1e-300)
+    by_body = _innovations(at.whitener @ body, use, kept) / scatter
+    return _Stretch(
+        at.time,
+        end - start,
+        instants,
+        level,
+        felt,
+        np.asarray(at.motion["rotation"]),
+        at.whitener,
+        use,
+        kept,
+        base,
+        np.linalg.pinv(by_body),
+        np.asarray(residual / scatter),
+        float(scatter),
+    )
+
+
+def _orthonormal(columns: Array) -> Array:
+    """A basis of what columns span, shape (n, b)."""
+    left, size, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(left[:, size > _INDEPENDENT * size[0]])
+
+
+def _beside(base: Array, rows: Array) -> Array:
+    """Rows less what is in a basis."""
+    return np.asarray(rows - base @ (base.T @ rows))
+
+
+def _tested(stretches: Sequence[_Stretch], kind: _Kind, frequency: float) -> _Test:
+    """A pull at one point of the platform, which is as unknown as its mass."""
+    told = [(each, each.rows(_pulls(each.response(kind, frequency), kind))) for each in stretches]
+    own = [_beside(each.base, rows) for each, rows in told]
+    normal = np.sum([rows.T @ rows for rows in own], axis=0)
+    right = np.sum([rows.T @ each.over for (each, _), rows in zip(told, own, strict=True)], axis=0)
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=_INDEPENDENT, hermitian=True)
+    pull = inverse @ (right / scale) / scale
+    body = -np.mean([each.body @ (rows @ pull) for each, rows in told], axis=0)
+    return _Test(float(right @ pull), pull, body)
+
+
+def _pulls(pull: Array, kind: _Kind) -> Array:
+    """Wrenches of a kilogramme and of a kilogramme a metre away, platform frame, shape (n, 6, c)."""
+    along = [pull] if kind.name == "swings" else [pull * axis for axis in np.eye(3)]
+    found = []
+    for each in along:
+        found.append(np.concatenate([each, np.zeros_like(each)], axis=1))
+        for axis in np.eye(3):
+            moment = np.cross(axis, each)
+            if moment.any():
+                found.append(np.concatenate([np.zeros_like(each), moment], axis=1))
+    return np.stack(found, axis=2)

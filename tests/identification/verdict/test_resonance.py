@@ -1,0 +1,104 @@
+"""Parts that move against the platform, against an integrated pendulum and MuJoCo."""
+
+import importlib
+
+import numpy as np
+import pytest
+from places import ROOT
+from scipy.integrate import solve_ivp
+from scipy.interpolate import make_interp_spline
+from simulated import RECORDER, ROBOT, sound, with_stream
+
+from steelyard.experiment.read import read_experiment
+from steelyard.identification.solve.joint_motion import fit_jointly
+from steelyard.identification.verdict.assessment import reasons
+from steelyard.identification.verdict.resonance import resonance
+from steelyard.robot.kinematics import cables_at
+
+pytestmark = pytest.mark.integration
+AT = np.array([0.1, -0.05, -0.4])
+"""Where it is fixed [m]."""
+
+
+def withstood(experiment, force_of):
+    """With the tensions that hold the platform against a force at a point of it, platform frame."""
+    time = experiment.runs[0].streams["cables"].time
+    state = RECORDER.response.at(np.clip(time - time[0], 0.0, RECORDER.response.duration))
+    since = time - time[0]
+    place = state.position + state.rotation @ AT
+    acceleration = make_interp_spline(since, place, k=5).derivative(2)
+    force = force_of(since, acceleration, state.rotation)
+    wrench = np.concatenate([force, np.cross(AT, force)], axis=1)
+    W = cables_at(ROBOT, state.position, state.rotation, state.tension).structure
+    more = np.einsum("nmk,nk->nm", np.linalg.pinv(W), wrench)
+    return with_stream(experiment, "cables", lambda v: {"tension": v["tension"] - more})
+
+
+def on_a_string(mass, length):
+    """Pull of a load that swings in earnest: no small angles."""
+
+    def force(since, acceleration, rotation):
+        def rate(time, state):
+            away, speed = state[:2], state[2:]
+            down = np.sqrt(length**2 - away @ away)
+            pull = -acceleration(time)[:2] - 9.81 * away / down - 0.05 * speed
+            return np.concatenate([speed, pull])
+
+        solved = solve_ivp(rate, (0, since[-1]), np.zeros(4), t_eval=since, rtol=1e-8, atol=1e-10)
+        away = solved.y[:2].T
+        down = np.sqrt(length**2 - np.sum(away**2, axis=1))
+        level = np.column_stack([mass * 9.81 * away / down[:, None], np.zeros(len(since))])
+        return np.einsum("nji,nj->ni", rotation, level)
+
+    return force
+
+
+@pytest.mark.parametrize(("mass", "length"), [(4.0, 0.6), (3.0, 1.5)])
+def test_a_load_on_a_string_is_named(mass, length):
+    posterior = fit_jointly(withstood(sound(0), on_a_string(mass, length)))
+    found = resonance(posterior)
+    assert found.name == "swings"
+    assert found.mass == pytest.approx(mass, rel=0.4)
+    # Twelve seconds tell a frequency to about a tenth of a hertz.
+    assert found.frequency == pytest.approx(np.sqrt(9.81 / length) / (2 * np.pi), abs=0.1)
+    assert any(
+        "swing at" in each and "no part of a rigid body" in each for each in reasons(posterior)
+    )
+
+
+@pytest.fixture
+def rough(tmp_path, monkeypatch):
+    """A recording of MuJoCo with something that is no rigid body."""
+    pytest.importorskip("mujoco")
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    recorded = importlib.import_module("rough.recording").recorded
+
+    def fitted(robot, kind):
+        path, _ = recorded(robot, kind, 0, tmp_path / robot, 20.0)
+        return fit_jointly(read_experiment(path))
+
+    return fitted
+
+
+@pytest.mark.mujoco
+@pytest.mark.slow
+def test_a_part_that_bends_is_named(rough):
+    # A fifth of the mass on springs of 7 Hz: it was accepted, with a centre of gravity 9 sigma off.
+    found = resonance(rough("desk", "platform-bends"))
+    assert found.name == "bends"
+    assert found.frequency == pytest.approx(7.0, rel=0.1)
+    assert found.mass is None
+    assert "stiffen it" in str(found)
+
+
+@pytest.mark.mujoco
+@pytest.mark.slow
+def test_what_seems_to_touch_it_again_and_again_is_no_touch(rough):
+    # A load that swings by a right angle: its largest pulls had been left out as contacts.
+    posterior = rough("cogiro", "load-swings")
+    assert any("that is one thing rather than many" in each for each in reasons(posterior))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_rigid_body_has_none(seed):
+    assert resonance(fit_jointly(sound(seed))) is None
