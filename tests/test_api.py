@@ -364,8 +364,8 @@ def test_a_design_shows_itself():
     lines = repr(design).splitlines()
     assert lines[0] == "Design for cogiro: 'design' of 10 s"
     assert lines[1].split() == ["1-sigma", "wanted"]
-    assert lines[2].split() == ["mass", "kg", "0.38", "1.61"]
-    assert lines[5].split() == ["centre", "of", "gravity", "z", "mm", "not", "identifiable", "2"]
+    assert lines[2].split() == ["mass", "kg", "0.38", "1.6"]
+    assert lines[5].split() == ["centre", "of", "gravity", "z", "mm", "not", "identifiable", "2.0"]
     assert lines[-2:] == ["worst: cz, not identifiable", "too fast"]
     assert design.trajectories is appraisal.trajectories
     Text(design._repr_html_())

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from grids import is_a_deviation
 
 from steelyard import digits
 
@@ -74,3 +75,11 @@ def test_numbers_of_one_kind_have_the_same_digits(values, texts):
 
 def test_a_deviation_below_all_digits_is_no_zero():
     assert digits.deviation(3.14e-8) == "3.1e-08"
+
+
+def test_a_deviation_has_two_digits_also_just_below_a_power_of_ten(rng):
+    sizes = [*(10.0 ** rng.uniform(-4.9, 4, size=300)), 0.000999, 0.0998, 9.97, 99.7]
+    texts = [digits.deviation(value) for value in sizes]
+    assert [text for text in texts if not is_a_deviation(text)] == []
+    assert digits.number(5.1234, 0.0998) == "5.12 ± 0.10"
+    assert digits.number(5.1234, 0.0994) == "5.123 ± 0.099"

@@ -217,3 +217,11 @@ def test_quaternions_of_a_turning_body_do_not_jump():
     assert np.abs(np.diff(found, axis=0)).max() < 0.05
     back = Rotation.from_quat(found, scalar_first=True)
     np.testing.assert_allclose(back.as_matrix(), turns.as_matrix(), atol=1e-12)
+
+
+@pytest.mark.parametrize("scale", [1 + 1e-4, 0.9, -1.0, 0.0, 1e200])
+def test_rotations_are_neither_stretched_nor_mirrored(scale):
+    rotation = Rotation.random(random_state=np.random.default_rng(5)).as_matrix()
+    assert rotations.is_rotation(rotation, 1e-12)
+    assert not rotations.is_rotation(scale * rotation, 1e-6)
+    assert not rotations.is_rotation(rotation @ np.diag([1.0, -1.0, 1.0]), 1e-6)

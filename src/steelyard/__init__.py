@@ -100,6 +100,7 @@ if TYPE_CHECKING:
     from steelyard.natural_frequencies.frequencies import frequencies as frequencies
     from steelyard.report.figures import figure as figure
     from steelyard.report.figures import figures as figures
+    from steelyard.report.progress_bar import progress_bar as progress_bar
     from steelyard.report.write import write_results as write_results
     from steelyard.report.write_calibration import write_calibration as write_calibration
     from steelyard.robot.file import read_robot as read_robot
@@ -186,6 +187,7 @@ _WHERE = {
     "platform_regressor": "dynamics",
     "platform_wrench": "dynamics",
     "predict_held_out": "identification.verdict.prediction",
+    "progress_bar": "report.progress_bar",
     "read_estimates": "estimates.estimate_file",
     "read_experiment": "experiment.read",
     "read_robot": "robot.file",

@@ -47,6 +47,7 @@ def number(value: float | None, deviation: float | None = None, *, sign: bool = 
     scale = deviation if deviation else abs(value) * _RELATIVE
     digits = _DIGITS
     if scale and np.isfinite(scale):
+        scale = float(f"{scale:.1e}")  # 9.97 has the digits of 10
         digits = int(np.clip(1 - np.floor(np.log10(scale)), 0, _MOST_DIGITS))
     text = fixed(value, digits, sign=sign)
     return text if deviation is None else f"{text} ± {deviation:.{digits}f}"

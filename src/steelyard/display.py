@@ -11,6 +11,10 @@ from html import escape
 
 _NUMBERS = 2
 """Columns before it are words, the others numbers."""
+_TOLD, _LEAST_ELAPSED = 0.05, 1.5
+"""Fraction and time [s] from which on it can be said how long the rest takes."""
+_MINUTES = 3
+"""From how many on the rest is said in minutes."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +73,18 @@ def printable(text: str) -> str:
     return "".join(
         c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split())
     )
+
+
+def time_left(done: float, elapsed: float) -> str:
+    """In words, from the fraction that is done and how long that took [s]; empty where too little
+    is done to tell.
+    """
+    if done < _TOLD or elapsed < _LEAST_ELAPSED or done >= 1:
+        return ""
+    left = elapsed * (1 - done) / done
+    if left < _MINUTES * 60:
+        return f"about {max(round(left), 1)} s left"
+    return f"about {round(left / 60)} min left"
 
 
 _ASCII = str.maketrans(

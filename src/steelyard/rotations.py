@@ -145,6 +145,19 @@ def quaternions_of(matrices: Array) -> Array:
     return sign_continuous(Rotation.from_matrix(matrices).as_quat(scalar_first=True))
 
 
+def is_rotation(matrix: Array, tolerance: float) -> bool:
+    """Whether a matrix is a rotation, neither stretched nor mirrored.
+
+    Args:
+        matrix: Finite, shape (3, 3).
+        tolerance: Largest departure of an element of R^T R from those of the identity.
+    """
+    if np.abs(matrix).max() > 1 + tolerance:  # its square may be too large for a number
+        return False
+    departure = np.abs(matrix.T @ matrix - np.eye(3)).max()
+    return bool(departure <= tolerance and np.linalg.det(matrix) > 0)
+
+
 def sign_continuous(quaternions: Array) -> Array:
     """Quaternions over time without jumps of sign: of q and -q, each the one closer to the sample
     before; the first stays as it is.

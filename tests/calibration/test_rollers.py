@@ -10,7 +10,7 @@ from halls import recorded
 
 from steelyard.calibration.calibrate import calibrate
 from steelyard.calibration.robot_text import robot_text
-from steelyard.cli.verbs.design import design as design_verb
+from steelyard.cli import app
 from steelyard.instruments import Length
 from steelyard.robot.kinematics import cables_at
 
@@ -66,7 +66,7 @@ def test_radii_that_no_pose_tells_are_null_and_named():
 @pytest.mark.integration
 def test_a_robot_alone_gets_sensors_that_tell_its_geometry(tmp_path):
     arguments = ["cogiro", "--calibration", "--poses", "8", "--out", str(tmp_path / "plan")]
-    result = CliRunner().invoke(design_verb, [*arguments, "--quiet"], catch_exceptions=False)
+    result = CliRunner().invoke(app, ["design", *arguments, "--quiet"], catch_exceptions=False)
     assert result.exit_code == 0
     assert "Sensors were not named: a tracker" in " ".join(result.output.split())
     plan = json.loads((tmp_path / "plan" / "poses.json").read_text())

@@ -1,20 +1,25 @@
 """Studies: what draws say of stated uncertainties, once each, by the numbers and in words."""
 
 import json
+import re
 
 import numpy as np
 import polars as pl
 import pytest
 from campaign_work import here
 from drawn_estimates import covariance
+from grids import columns, is_a_deviation
 from recordings import simulated, write_small
 
 from steelyard.campaigns.rows import TABLE, frame
+from steelyard.campaigns.study.document import study_document
 from steelyard.campaigns.study.draw import BOUND, drawn
 from steelyard.campaigns.study.resample import resampled
+from steelyard.campaigns.study.result import Study
 from steelyard.campaigns.study.run import study
 from steelyard.campaigns.study.setup import Setup, setup_of_experiment, setup_of_robot
 from steelyard.campaigns.study.summary import summaries
+from steelyard.digits import LABELS
 from steelyard.errors import InputError
 from steelyard.inertia import BODY_PARAMETERS
 
@@ -61,6 +66,24 @@ def test_sigmas_that_are_not_true_are_named(factor, said):
     found = summaries(frame(rows(400, factor)), {"consistent": TRUTH})["consistent"]
     assert [found.outcome(p) for p in range(10)] == [said] * 10
     np.testing.assert_allclose(found.chi_square, factor**2, rtol=0.3)
+
+
+@pytest.mark.parametrize("bootstrap", [False, True])
+def test_errors_are_written_with_the_digits_that_the_draws_leave(bootstrap, tmp_path):
+    methods = summaries(frame(rows(400)), {"consistent": TRUTH})
+    document = study_document(Study("cogiro", tmp_path, 400, bootstrap, TRUTH, methods, ()))
+    deviations = columns(document, r"^rmse$|^scatter$|^stated 1-sigma$|^bound$")
+    assert len(deviations) == 20 if bootstrap else 30
+    assert [text for text in deviations if not is_a_deviation(text)] == []
+    ratios = columns(document, "rmse / bound|coverage|chi-square|scatter / stated")
+    assert all(re.fullmatch(r"\d+\.\d\d", text) for text in ratios)
+    # The mean error is known twenty times as well as a single one.
+    of_mean = methods["consistent"].rmse / 20
+    for text, sigma, (_, _, factor) in zip(
+        columns(document, "^bias$|^mean shift$"), of_mean, LABELS, strict=True
+    ):
+        last = 10.0 ** -len(text.partition(".")[2])
+        assert last <= sigma * factor / 10 * (1 + 1e-9) < 10 * last
 
 
 def test_parameters_without_numbers_are_null():

@@ -8,7 +8,8 @@ import sys
 
 import pytest
 
-from steelyard.cli.printing import parts, progress, time_left
+from steelyard.cli.printing import parts, progress, say
+from steelyard.display import time_left
 from steelyard.identification.identify import _shares, chosen_methods
 
 SCRIPT = """
@@ -102,3 +103,31 @@ def test_methods_share_the_whole_of_identify():
     assert told[-1] == pytest.approx(1.0)
     assert told[1:-1:2] == pytest.approx(told[2::2])
     assert told == sorted(told)
+
+
+def test_sentences_keep_to_the_width_of_a_terminal_and_commands_stay_whole():
+    """What stands behind the tables: no word is cut, no line is too long."""
+    script = """
+from steelyard.cli.printing import say
+say("word " * 50)
+say("a note " * 30, "  ")
+print("steelyard " + "x" * 90)
+"""
+    leader, follower = pty.openpty()
+    environment = {**os.environ, "COLUMNS": "80"}
+    subprocess.run(
+        [sys.executable, "-c", script], stdout=follower, env=environment, check=True, timeout=300
+    )
+    os.close(follower)
+    lines = os.read(leader, 65536).decode().split("\r\n")[:-1]
+    os.close(leader)
+    *sentences, command = lines
+    assert len(sentences) == 4 + 3
+    assert max(map(len, sentences)) <= 80
+    assert all(line.startswith(("  a note", "  note")) for line in sentences[4:])
+    assert command == "steelyard " + "x" * 90
+
+
+def test_sentences_are_one_line_where_no_terminal_is(capsys):
+    say("word " * 50, "  ")
+    assert capsys.readouterr().out == "  " + "word " * 50 + "\n"

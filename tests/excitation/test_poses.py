@@ -1,15 +1,17 @@
 """Poses at rest for a calibration: what is promised of them, and that no others are as good."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from grids import columns, is_a_deviation
 from scipy.spatial.transform import Rotation
 
 from steelyard.calibration.calibrate import calibrate
-from steelyard.cli.verbs.design import design as design_verb
+from steelyard.cli import app
 from steelyard.errors import InputError
 from steelyard.excitation.limits.motion_constraints import Margin, MotionConstraints
 from steelyard.excitation.poses.candidate_poses import candidate_poses, in_sequence, regular_grid
@@ -20,6 +22,7 @@ from steelyard.excitation.settings import DesignSettings
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.experiment.read import read_experiment
 from steelyard.instruments import Attitude, Length, Position, Tension
+from steelyard.report.documents.poses import poses_document
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
 
@@ -146,6 +149,15 @@ def _constraints(experiment, level):
     return MotionConstraints(robot, experiment.instruments, Margin(0.2, robot.size), level, 1.0)
 
 
+def test_each_deviation_is_written_with_two_digits(designed):
+    written = columns(poses_document(designed), r"^[xyz]$|before|1-sigma$|these poses|grid")
+    assert len(written) > 20
+    assert [text for text in written if not is_a_deviation(text)] == []
+    assert all(
+        re.fullmatch(r"\d+\.\d\d", each) for each in columns(poses_document(designed), "ratio")
+    )
+
+
 def test_every_pose_can_be_held_within_the_limits(planned, designed):
     low, high = np.array(planned.robot.limits.position)
     assert (designed.poses[:, :3] >= low - 1e-9).all()
@@ -239,7 +251,7 @@ def test_the_verb_writes_poses_that_an_experiment_reads(tmp_path):
     sensors.write_text(SENSORS)
     out = tmp_path / "out"
     words = ["cogiro", "--calibration", "--poses", "6", "--sensors", str(sensors)]
-    ran = CliRunner().invoke(design_verb, [*words, "--out", str(out)])
+    ran = CliRunner().invoke(app, ["design", *words, "--out", str(out)])
     assert ran.exit_code == 0, ran.output
     assert "6 poses at rest" in ran.stdout
     assert "Taken as exact" in ran.stdout
@@ -268,8 +280,8 @@ def test_the_verb_writes_poses_that_an_experiment_reads(tmp_path):
 
 def test_options_of_a_motion_are_refused():
     for words in (["--duration", "20"], ["--check", "paper"], ["--target", "mass=1"]):
-        ran = CliRunner().invoke(design_verb, ["cogiro", "--calibration", *words])
+        ran = CliRunner().invoke(app, ["design", "cogiro", "--calibration", *words])
         assert isinstance(ran.exception, InputError)
         assert "leave it out" in str(ran.exception)
-    ran = CliRunner().invoke(design_verb, ["cogiro", "--duration", "20", "--poses", "5"])
+    ran = CliRunner().invoke(app, ["design", "cogiro", "--duration", "20", "--poses", "5"])
     assert "--poses: expected no such option" in ran.exception.on_command_line

@@ -3,15 +3,17 @@ estimates from noisy recordings.
 """
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from grids import columns, is_a_deviation
 from simulated import BODY, CENTER, EXACT, PAPER, REACH, ROBOT, Recorder, changed
 
-from steelyard.cli.verbs.design import design as design_verb
+from steelyard.cli import app
 from steelyard.errors import InputError
 from steelyard.excitation.information.noise_free_recording import (
     fit_noise_free,
@@ -189,7 +191,13 @@ def test_the_table_is_written():
     assert best["ratio"]["mass"] == pytest.approx(
         best["standard_deviation"]["mass"] / values["without"]["standard_deviation"]["mass"]
     )
-    said = markdown(reference_document(design))
+    document = reference_document(design)
+    deviations = columns(document, r"\[mm\]|\[kg|^nothing$|^\d$")
+    assert len(deviations) > 20
+    assert [text for text in deviations if not is_a_deviation(text)] == []
+    ratios = columns(document, "ratio")
+    assert all(re.fullmatch(r"\d+\.\d\d", text) for text in ratios)
+    said = markdown(document)
     assert "Most helps: " in said
     assert "reference: {added: {mass: {value: 32.21, sigma: 0.01}" in said
 
@@ -245,9 +253,9 @@ def test_what_cannot_be_predicted_is_refused():
     with pytest.raises(InputError, match="expected the noise of its tension"):
         design_references(replace(experiment, instruments=silent))
     for words in (["--start", *"000000"], ["--body", "x"], ["--after", "x"]):
-        ran = CliRunner().invoke(design_verb, ["cogiro", "--reference", *words])
+        ran = CliRunner().invoke(app, ["design", "cogiro", "--reference", *words])
         assert "expected no such option with reference" in str(ran.exception)
-    ran = CliRunner().invoke(design_verb, ["cogiro", "--reference", "--calibration"])
+    ran = CliRunner().invoke(app, ["design", "cogiro", "--reference", "--calibration"])
     assert (
         "--reference: expected no such option with --calibration" in ran.exception.on_command_line
     )

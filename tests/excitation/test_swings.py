@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from grids import columns, is_a_deviation
 from mujoco_swings import BODY, swinging_robot
 from scipy.spatial.transform import Rotation
 
@@ -15,6 +16,7 @@ from steelyard.excitation.swings.swing_design import _recorded, design_swings
 from steelyard.excitation.swings.swing_file import swings_dict, write_swings
 from steelyard.experiment.model import Stream
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.report.documents.free_swings import free_swings_document
 from steelyard.robot.file import read_robot
 from steelyard.simulation.sensors import SWING_SENSORS, read_sensors
 
@@ -92,6 +94,12 @@ def test_files(design, tmp_path):
     assert told["cables"] == [1, 2, 3]
     assert len(told["swings"]) == 2
     assert read_robot(tmp_path / "robot.yaml").m == 3
+
+
+def test_each_deviation_is_written_with_two_digits(design):
+    written = columns(free_swings_document(design), r"cog \[mm\]|moments / mass|^1-sigma$")
+    assert len(written) > 10
+    assert [text for text in written if not is_a_deviation(text)] == []
 
 
 def test_mocap_is_assumed_for_a_robot_alone(design, robot):

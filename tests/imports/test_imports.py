@@ -255,6 +255,51 @@ def cdpyr_json(**options):
     return json.dumps(cdpyr_values(**options), indent=2)
 
 
+def attributes(names, values):
+    return " ".join(f'{name}="{float(value)!r}"' for name, value in zip(names, values, strict=True))
+
+
+TURN = [f"a{row}{column}" for row in "123" for column in "123"]
+
+
+def wcrfx(
+    *,
+    root="models",
+    robot='name="cloud" motionpattern="3R3T"',
+    radius=RADIUS,
+    turned=True,
+    body=None,
+    after='<controller ipo_clock="4"/></robot><cable name="Dyneema" elasticity="5e+10"'
+    ' radius="0.003" weight="0.03" breaking_load="20000"/><winch name="IPAnema-Winch"/>',
+    geometry=None,
+):
+    """A file as WireX writes it, of numbers with all their digits."""
+    chains = "".join(
+        f'<chain id="{i + 1}" winchtype="IPAnema-Winch"><base {attributes("xyz", ANCHORS[i])}'
+        + (f" {attributes(TURN, (TURNS[i] @ ROLLS[i]).ravel())}" if turned else "")
+        + (f' radius="{radius}"' if radius is not None else "")
+        + f"/><platform {attributes('xyz', ATTACHMENTS[i])}/></chain>\n"
+        for i in range(3)
+    )
+    if body is None:
+        yz, xz, xy = (-v for v in PRODUCTS)
+        tensor = [MOMENTS[0], xy, xz, xy, MOMENTS[1], yz, xz, yz, MOMENTS[2]]
+        body = wcrfx_body(MASS, COG, tensor)
+    chains = chains if geometry is None else geometry
+    return (
+        f'<{root} version="0.32"><robot {robot}>\n<geometry>{chains}</geometry>\n{body}{after}'
+        f"</{root}>"
+    )
+
+
+def wcrfx_body(mass, cog, tensor):
+    names = [f"I{row}{column}" for row in "xyz" for column in "xyz"]
+    return (
+        f'<platform name="p" mass="{float(mass)!r}" swing_angle="50"><inertiatensor'
+        f" {attributes(names, tensor)}/><centerofgravity {attributes('xyz', cog)}/></platform>"
+    )
+
+
 # CASPR's own models
 
 
@@ -497,6 +542,19 @@ def leaves_as_in_cdpyr(anchor, R_world_roller, target):
     return anchor + R_world_roller @ Rotation.from_euler("z", swivel).apply(local)
 
 
+def leaves_as_in_wirex(anchor, R_world_base, target):
+    """Wrap angle by two arc cosines seen from the centre; the exit point is the entry point turned
+    by it about the local y axis."""
+    x, y, z = R_world_base.T @ (target - anchor)
+    outward = math.hypot(x, y) - RADIUS
+    distance = math.hypot(outward, z)
+    free = math.sqrt(distance**2 - RADIUS**2)
+    wrap = math.acos(free / distance) + math.acos(z / distance)
+    turned = Rotation.from_euler("y", wrap).apply([-RADIUS, 0, 0])
+    swivelled = Rotation.from_euler("z", math.atan2(y, x)).apply(np.add(turned, [RADIUS, 0, 0]))
+    return anchor + R_world_base @ swivelled
+
+
 def leaves_in_steelyard(robot, i, target):
     roller = pulley.swivel(
         ca.DM(robot.anchors[i]), ca.DM(robot.pulley_axis[i]), robot.pulley_radius[i], ca.DM(target)
@@ -517,6 +575,10 @@ ROLLERS = {
     "cdpyr": (
         lambda folder: written(folder, small_json=cdpyr_json()),
         lambda i, target: leaves_as_in_cdpyr(np.array(ANCHORS[i]), TURNS[i] @ ROLLS[i], target),
+    ),
+    "wirecenter": (
+        lambda folder: written(folder, small_wcrfx=wcrfx()),
+        lambda i, target: leaves_as_in_wirex(np.array(ANCHORS[i]), TURNS[i] @ ROLLS[i], target),
     ),
 }
 
@@ -549,18 +611,122 @@ def test_all_small_files_are_the_same_robot(tmp_path):
             (written(tmp_path, small_json=irma_json()), None),
             (written(tmp_path, small_yaml=ros_yaml()), None),
             (written(tmp_path, other_json=cdpyr_json()), "matrix"),
+            (written(tmp_path, small_wcrfx=wcrfx()), "matrix"),
         )
     ]
     for robot in found:
         np.testing.assert_array_equal(robot.anchors, ANCHORS)
         np.testing.assert_array_equal(robot.attachments, ATTACHMENTS)
-    assert [robot.name for robot in found] == ["cloud", "small", "small", "cloud"]
+    assert [robot.name for robot in found] == ["cloud", "small", "small", "cloud", "cloud"]
 
 
 @pytest.mark.parametrize("name", ["renamed.txt", "model.yaml", "no-ending"])
 def test_formats_are_known_by_their_content(name, tmp_path):
     (tmp_path / name).write_text(irma_json())
     assert import_robot([tmp_path / name]).format == "IRMA JSON"
+
+
+@pytest.mark.parametrize("about", ["cog", "origin"])
+@pytest.mark.parametrize("convention", ["matrix", "integral"])
+def test_wirecenter_inertia_is_that_of_the_cloud(about, convention, tmp_path):
+    moments, products = integrals(COG if about == "cog" else np.zeros(3))
+    yz, xz, xy = ((-1 if convention == "matrix" else 1) * v for v in products)
+    tensor = [moments[0], xy, xz, xy, moments[1], yz, xz, yz, moments[2]]
+    text = wcrfx(body=wcrfx_body(MASS, COG, tensor))
+    paths = written(tmp_path, small_wcrfx=text)
+    found = import_robot(paths, products=convention, about=about)
+    np.testing.assert_allclose(body(found), CLOUD, atol=1e3 * TOLERANCE)
+    with pytest.raises(InputError, match="expected products of inertia whose sign is known"):
+        import_robot(paths)
+
+
+def test_what_wirecenter_writes_of_itself_is_no_robot(tmp_path):
+    """Its reader takes the geometry alone, its writer adds the cable and the body of the program."""
+    defaults = wcrfx_body(25, (0, 1, 0.2), np.diag([2, 3, 4]).ravel())
+    found = import_robot(written(tmp_path, a_wcrfx=wcrfx(body=defaults, radius=0.1)))
+    assert found.robot.platform is None
+    assert found.robot.cable.axial_stiffness is None
+    assert noted(found, r"no platform: the file has the one that WireX begins with \(25 kg")
+    assert noted(found, r"all rollers have the 0\.1 m that WireX begins with: check them")
+    E_A = 5e10 * math.pi * 0.003**2
+    stiffness = re.escape(f"{E_A:.4g}")
+    assert noted(found, rf"cable left out \(elasticity 5e\+10.*axial_stiffness is {stiffness} N")
+    assert noted(found, "gravity 9.81 m/s\\^2 along -z: WireX's constant")
+    stated = import_robot(written(tmp_path, b_wcrfx=wcrfx()), products="matrix")
+    assert not noted(stated, "begins with|no platform|no orientation")
+
+
+def test_wirecenter_files_without_rollers_or_orientations(tmp_path):
+    points = import_robot(written(tmp_path, a_wcrfx=wcrfx(radius=None)), products="matrix")
+    assert not points.robot.pulley_radius.any()
+    assert noted(points, r"rollers of 3 cables left out: no radius is stated \(WireX .* 0\.1 m\)")
+    zero = import_robot(written(tmp_path, b_wcrfx=wcrfx(radius=0.0)), products="matrix")
+    assert not zero.robot.pulley_radius.any()
+    upright = import_robot(written(tmp_path, c_wcrfx=wcrfx(turned=False)), products="matrix")
+    np.testing.assert_array_equal(upright.robot.pulley_axis, [[0, 0, 1]] * 3)
+    assert noted(upright, "rollers swivel about z, along which the cables come")
+    no_mass = wcrfx(body="<platform name='p'/>")
+    assert noted(import_robot(written(tmp_path, d_wcrfx=no_mass)), "no mass of it")
+    no_tensor = wcrfx(body="<platform mass='3'/>")
+    assert noted(import_robot(written(tmp_path, e_wcrfx=no_tensor)), "no inertia or no centre")
+    of_cdpyr = wcrfx(body=wcrfx_body(3, COG, [math.inf] * 9))
+    assert noted(import_robot(written(tmp_path, f_wcrfx=of_cdpyr)), "infinite, .* cdpyr")
+
+
+def test_a_wirecenter_file_of_six_digits_is_read(tmp_path):
+    """WireX writes numbers with six significant digits, so that its rotations are none by 1e-6."""
+    text = re.sub(r'"(-?\d+\.\d+)"', lambda found: f'"{float(found[1]):g}"', wcrfx())
+    found = import_robot(written(tmp_path, small_wcrfx=text), products="matrix").robot
+    exact = import_robot(written(tmp_path, exact_wcrfx=wcrfx()), products="matrix").robot
+    np.testing.assert_allclose(found.pulley_axis, exact.pulley_axis, atol=2e-6)
+
+
+WIRECENTER = {
+    "the older form": (
+        '<models><wireRobot><systemParameter units="8"/></wireRobot></models>',
+        r"expected 'robot' inside, found 'wireRobot', the older form; load it in WireCenter",
+    ),
+    "a planar robot": (
+        wcrfx(robot='name="cloud" motionpattern="1R2T"'),
+        r"expected the motionpattern '3R3T', found '1R2T'",
+    ),
+    "no chain": (wcrfx(geometry="", body=""), r"expected cables, found none"),
+    "a chain without base": (
+        wcrfx(geometry='<chain id="1"><platform x="0" y="0" z="0"/></chain>'),
+        r"'chain': expected 'base' inside, found none",
+    ),
+    "a base without height": (
+        wcrfx().replace('z="4.0"', "", 1),
+        r"'base': expected the attribute 'z', found none",
+    ),
+    "a radius below zero": (wcrfx(radius=-0.1), r"expected a radius at least 0, found -0\.1"),
+    "half an orientation": (
+        wcrfx().replace('a33="1.0"', "", 1),
+        r"'base': expected the attribute 'a33', found none",
+    ),
+    "an orientation that is none": (
+        wcrfx().replace('a11="1.0"', 'a11="2.0"', 1),
+        r"'base': expected a rotation matrix in a11 to a33",
+    ),
+    "a platform without weight": (
+        wcrfx(body=wcrfx_body(0, COG, np.eye(3).ravel())),
+        r"'platform': expected a mass above 0, found 0",
+    ),
+    "a tensor that is not symmetric": (
+        wcrfx(body=wcrfx_body(3, COG, [1, 0.5, 0, 0, 1, 0, 0, 0, 1])),
+        r"'inertiatensor': expected a symmetric matrix",
+    ),
+    "two robots": (
+        wcrfx().replace("<robot", "<robot/><robot", 1),
+        r"expected one 'robot' in 'models', found 2",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", WIRECENTER)
+def test_wrong_wirecenter_files_are_one_sentence(what, run, tmp_path):
+    text, pattern = WIRECENTER[what]
+    assert_refused(run, written(tmp_path, small_wcrfx=text), pattern, tmp_path)
 
 
 def test_caspr_springs_tell_the_stiffness(tmp_path):
@@ -1240,6 +1406,7 @@ FUZZED = {
     "caspr": {"small_bodies_xml": bodies_xml(), "small_cables_xml": cables_xml()},
     "irma": {"small_json": irma_json()},
     "cdpyr": {"small_json": cdpyr_json()},
+    "wirecenter": {"small_wcrfx": wcrfx()},
     "ros": {"small_yaml": ros_yaml()},
     "printer": {"small_g": "M669 K6 A0:-1604.5:-114.1 B1312.5:1270.9:-162.2 C-1440:741:-161 D2345"},
     "platform": {

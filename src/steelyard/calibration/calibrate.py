@@ -168,12 +168,20 @@ class GeometryCalibration:
     @property
     def told(self) -> dict[str, NDArray[np.bool_]]:
         """Which coordinates the readings tell, or are known, shape (m, 3) each."""
+        return {
+            key: self.exact[key] | (sigma < self.settings.told * self._before(key))
+            for key, sigma in self.deviations.items()
+        }
+
+    @property
+    def exact(self) -> dict[str, NDArray[np.bool_]]:
+        """Which coordinates are stated as exact, so that nothing moves them, shape (m, 3) each."""
+        return {key: self._before(key) == 0 for key in self.deviations}
+
+    def _before(self, key: str) -> Array:
+        """1-sigma of points beforehand [m], shape (m, 3)."""
         parameters = self.found.parameters
-        result = {}
-        for key, sigma in self.deviations.items():
-            before = parameters.deviation[parameters.places[ROBOT, key, None]].reshape(-1, 3)
-            result[key] = (before == 0) | (sigma < self.settings.told * before)
-        return result
+        return parameters.deviation[parameters.places[ROBOT, key, None]].reshape(-1, 3)
 
     @cached_property
     def covariance(self) -> Array:

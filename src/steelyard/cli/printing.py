@@ -10,12 +10,10 @@ from contextlib import contextmanager
 from time import monotonic
 from typing import TYPE_CHECKING, Any, TextIO
 
+from steelyard.display import time_left
+
 Tell = Callable[[str, float], None]
 """Is told what is being done and the fraction that is done."""
-_TOLD, _LEAST_ELAPSED = 0.05, 1.5
-"""Fraction and time [s] from which on it can be said how long the rest takes."""
-_MINUTES = 3
-"""From how many on the rest is said in minutes."""
 
 if TYPE_CHECKING:
     from steelyard.experiment.model import Experiment
@@ -29,12 +27,23 @@ def print_json(values: Mapping[str, Any]) -> None:
     print(to_json(values, ascii_only=True))
 
 
-def in_lines(text: str, stream: TextIO) -> str:
+def in_lines(text: str, stream: TextIO, indent: str = "") -> str:
     """A sentence in lines of whole words where it is for a terminal; elsewhere in one line."""
     if not stream.isatty():
-        return text
-    width = shutil.get_terminal_size().columns
-    return textwrap.fill(text, width, break_long_words=False, break_on_hyphens=False)
+        return f"{indent}{text}"
+    return textwrap.fill(
+        text,
+        shutil.get_terminal_size().columns,
+        initial_indent=indent,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+
+
+def say(text: str, indent: str = "") -> None:
+    """Print a sentence; see :func:`in_lines`. Commands are printed as they are, to be copied."""
+    print(in_lines(text, sys.stdout, indent))
 
 
 def print_result(values: Mapping[str, Any], document: Document, *, as_json: bool) -> None:
@@ -61,7 +70,11 @@ def progress(*, quiet: bool) -> Iterator[Tell | None]:
 
     screen = Console(stderr=True)
     if screen.is_dumb_terminal:
-        yield _in_lines()
+        from steelyard.report.progress_bar import tell_in_lines
+
+        in_words = tell_in_lines()
+        in_words("loading", 0.0)
+        yield in_words
         return
     columns = (
         TextColumn("{task.description}", markup=False),
@@ -81,32 +94,6 @@ def progress(*, quiet: bool) -> Iterator[Tell | None]:
             bar.update(task, description=what or "loading", completed=done, left=left)
 
         yield tell
-
-
-def _in_lines() -> Tell:
-    """What is being done, once each, a line below the other."""
-    known: set[str] = set()
-
-    def tell(what: str, fraction: float) -> None:
-        if what and what not in known:
-            known.add(what)
-            sys.stderr.write(f"{what}\n")
-            sys.stderr.flush()
-
-    tell("loading", 0.0)
-    return tell
-
-
-def time_left(done: float, elapsed: float) -> str:
-    """In words, from the fraction that is done and how long that took [s]; empty where too little
-    is done to tell.
-    """
-    if done < _TOLD or elapsed < _LEAST_ELAPSED or done >= 1:
-        return ""
-    left = elapsed * (1 - done) / done
-    if left < _MINUTES * 60:
-        return f"about {max(round(left), 1)} s left"
-    return f"about {round(left / 60)} min left"
 
 
 def parts(tell: Tell | None, *weights: float) -> list[Tell | None]:
@@ -137,4 +124,4 @@ def print_samples(samples: Mapping[str, Mapping[str, int]]) -> None:
     """Print a line a run; see :func:`samples_of`."""
     for name, streams in samples.items():
         counts = (f"{count} samples of {stream}" for stream, count in streams.items())
-        print(f"  {name}: {', '.join(counts)}")
+        say(f"{name}: {', '.join(counts)}", "  ")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.arrays import Array, number_given, whole_given
-from steelyard.digits import LABELS
+from steelyard.digits import LABELS, deviation, fixed
 from steelyard.display import Display
 from steelyard.errors import WrongValueError
 from steelyard.excitation.evaluation import MotionEvaluation, evaluate_motions, information_before
@@ -81,10 +81,10 @@ class Design:
         for (name, unit, factor), sigma, wanted in zip(
             LABELS, self.standard_deviation, evaluation.target.each, strict=True
         ):
-            predicted = "not identifiable" if np.isnan(sigma) else f"{sigma * factor:.3g}"
-            rows.append((name, unit, predicted, f"{wanted * factor:.3g}"))
+            predicted = "not identifiable" if np.isnan(sigma) else deviation(sigma * factor)
+            rows.append((name, unit, predicted, deviation(wanted * factor)))
         parameter, ratio = evaluation.worst
-        worst = f"{ratio:.3g} of what is wanted" if np.isfinite(ratio) else "not identifiable"
+        worst = f"{fixed(ratio, 2)} of what is wanted" if np.isfinite(ratio) else "not identifiable"
         violations: list[str] = []
         for each in evaluation.verified.values():
             violations += each.violations

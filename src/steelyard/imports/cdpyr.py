@@ -20,6 +20,7 @@ from pydantic import BeforeValidator, Field
 from steelyard.arrays import Array
 from steelyard.imports.description import Cable, DescribedBody, Description, Vector
 from steelyard.imports.sources import ForeignModel, Matrix, Source, only_document, unread
+from steelyard.rotations import is_rotation
 from steelyard.yaml_file import YamlDocument, validate
 
 NAME = "cdpyr"
@@ -208,11 +209,7 @@ def _cable(form: CdpyrRobotForm, i: int, document: YamlDocument) -> Cable:
 def _rotation(dcm: Matrix | None, document: YamlDocument, key: tuple[str | int, ...]) -> Array:
     """A direction cosine matrix of the file, which has to be a rotation."""
     R = np.array(dcm or _IDENTITY)
-    if (
-        np.abs(R).max() > 1 + _ORTHONORMAL
-        or np.abs(R.T @ R - np.eye(3)).max() > _ORTHONORMAL
-        or np.linalg.det(R) < 0
-    ):
+    if not is_rotation(R, _ORTHONORMAL):
         raise document.error(key, "expected a rotation matrix, found another; correct it")
     return R
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from steelyard.errors import InputError
-from steelyard.imports import body_model, caspr, cdpyr, hangprinter, irma, ros
+from steelyard.imports import body_model, caspr, cdpyr, hangprinter, irma, ros, wirecenter
 from steelyard.imports.assemble import assemble
 from steelyard.imports.description import Convention, Description, Point
 from steelyard.imports.imported import Imported
@@ -42,6 +42,9 @@ FORMATS = {
     irma.NAME: RobotFormat(irma.recognises, irma.describe, "'actuator' with 'pos_OD_glob'"),
     cdpyr.NAME: RobotFormat(
         cdpyr.recognises, cdpyr.describe, "'frame', 'platforms' and 'kinematic_chains'"
+    ),
+    wirecenter.NAME: RobotFormat(
+        wirecenter.recognises, wirecenter.describe, "root 'models' with 'robot', .wcrfx"
     ),
     ros.NAME: RobotFormat(ros.recognises, ros.describe, "'points' with 'frame' and 'platform'"),
     hangprinter.NAME: RobotFormat(

@@ -10,10 +10,12 @@ from steelyard.campaigns.study.power import LEVEL as BINOMIAL
 from steelyard.campaigns.study.power import SOUND, WRONG
 from steelyard.campaigns.study.result import Study
 from steelyard.campaigns.study.summary import LEVEL, MethodSummary
-from steelyard.digits import LABELS, figures
+from steelyard.digits import LABELS, SHORT_LABELS, deviation, figures, fixed, number
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.blocks.document import Document, Grid, Section, Statement, Statements
 from steelyard.report.blocks.shown import slug
+
+_LARGE_RATIO = 10.0
 
 
 def study_document(found: Study) -> Document:
@@ -60,18 +62,16 @@ def _lead(found: Study) -> Statement:
 def _simulated(each: MethodSummary) -> Grid:
     """Errors against the truth."""
     rows = []
-    for p, (name, unit, factor) in enumerate(LABELS):
+    for p, (_, unit, factor) in enumerate(LABELS):
         rows.append(
             (
-                name,
+                SHORT_LABELS[p],
                 unit,
-                figures(each.bias[p] * factor),
-                figures(each.rmse[p] * factor),
-                figures(each.stated[p] * factor),
-                figures(each.bound[p] * factor),
-                figures(each.rmse[p] / each.bound[p] if each.bound[p] else np.nan),
-                figures(each.coverage[p]),
-                figures(each.chi_square[p]),
+                *_errors(each, p, factor),
+                deviation(each.bound[p] * factor),
+                _ratio(each.rmse[p], each.bound[p]),
+                _ratio(each.coverage[p], 1.0),
+                _ratio(each.chi_square[p], 1.0),
                 each.outcome(p),
             )
         )
@@ -91,14 +91,12 @@ def _resampled(each: MethodSummary) -> Grid:
     """Scatter of what was drawn about the estimate of the whole."""
     rows = tuple(
         (
-            name,
+            SHORT_LABELS[p],
             unit,
-            figures(each.bias[p] * factor),
-            figures(each.rmse[p] * factor),
-            figures(each.stated[p] * factor),
-            figures(each.rmse[p] / each.stated[p] if each.stated[p] else np.nan),
+            *_errors(each, p, factor),
+            _ratio(each.rmse[p], each.stated[p]),
         )
-        for p, (name, unit, factor) in enumerate(LABELS)
+        for p, (_, unit, factor) in enumerate(LABELS)
     )
     head = ("parameter", "unit", "mean shift", "scatter", "stated 1-sigma", "scatter / stated")
     return Grid(
@@ -107,6 +105,22 @@ def _resampled(each: MethodSummary) -> Grid:
         rows,
         frozenset(range(2, 6)),
     )
+
+
+def _errors(each: MethodSummary, p: int, factor: float) -> Iterator[str]:
+    """Mean error with the digits that the number of draws leaves; scatter and 1-sigma as such."""
+    of_mean = each.rmse[p] / np.sqrt(max(each.known[p], 1))
+    yield number(each.bias[p] * factor, of_mean * factor).partition(" ± ")[0]
+    yield deviation(each.rmse[p] * factor)
+    yield deviation(each.stated[p] * factor)
+
+
+def _ratio(value: float, unit: float) -> str:
+    """A share or a ratio with two digits behind the point, of large ones three in all; a dash where
+    there is none.
+    """
+    share = value / unit if unit else np.nan
+    return fixed(share, 2) if share < _LARGE_RATIO else figures(share)
 
 
 def _power(each: MethodSummary, found: Study) -> Iterator[Grid | Statements]:
@@ -121,7 +135,7 @@ def _power(each: MethodSummary, found: Study) -> Iterator[Grid | Statements]:
             judged.mistake or "none (false rejections)",
             str(judged.count),
             str(judged.rejected),
-            *(figures(100 * end) for end in judged.interval),
+            *(fixed(100 * end, 1) for end in judged.interval),
             str(judged.wrong),
         )
         for judged in own
@@ -160,7 +174,7 @@ def _sentences(each: MethodSummary, found: Study) -> Iterator[Statement]:
     said = f"{each.method}: {each.accepted} of {each.count} accepted, {each.rejected} rejected"
     for judged in found.rejections:
         if judged.method == each.method and judged.mistake == SOUND:
-            low, high = (figures(100 * end) for end in judged.interval)
+            low, high = (fixed(100 * end, 1) for end in judged.interval)
             said += (
                 f"; rejected ones are false alarms, for nothing is wrong here: {low} to {high} % with"
                 f" a probability of {BINOMIAL:.0%}"
@@ -169,7 +183,7 @@ def _sentences(each: MethodSummary, found: Study) -> Iterator[Statement]:
     if not found.bootstrap and each.joint_count:
         limit = 10 + 3 * np.sqrt(20 / each.joint_count)
         yield Statement(
-            f"{each.method}: squared error of all ten over their covariance {each.joint:.2f} on"
+            f"{each.method}: squared error of all ten over their covariance {figures(each.joint)} on"
             f" average of {each.joint_count}; 10 where the covariance is true",
             "bad" if each.joint > limit else "",
         )

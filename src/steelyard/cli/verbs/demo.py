@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from steelyard.cli.options import common, force_option, out_option
-from steelyard.cli.printing import Tell, parts, print_json, progress
+from steelyard.cli.printing import Tell, parts, print_json, progress, say
 
 _MOTIONS = {"paper": "the paper's eight moves", "multisine": "20 s on all six axes"}
 
@@ -68,8 +68,9 @@ def demo(out: Path, force: bool, as_json: bool, quiet: bool) -> None:
         print_json(best.to_dict())
         return
     show(brief_of(replace(summary, runs=())))
-    print(
-        f"\nData, estimates and report are in {out}/ (the paper's moves in {out / 'paper-moves'}/)."
+    print()
+    say(
+        f"Data, estimates and report are in {out}/ (the paper's moves in {out / 'paper-moves'}/)."
         " Look at"
     )
     print(f"  {out / 'report.html'}\nin a browser, and try next:")

@@ -20,7 +20,7 @@ from steelyard.cli.options import (
     seed_option,
     sensors_option,
 )
-from steelyard.cli.printing import print_result, progress
+from steelyard.cli.printing import print_result, progress, say
 from steelyard.errors import InputError
 
 if TYPE_CHECKING:
@@ -306,10 +306,12 @@ def _propose_poses(
             write_provenance(folder, shown.out, named_files(sys.argv[1:], shown.out), sys.argv[1:])
     print_result(poses_dict(found), document, as_json=shown.as_json)
     if shown.out is not None and not shown.as_json:
-        print(
-            f"\nThe poses are in {shown.out / POSES}. Record one row a pose with every instrument, as"
-            " a run with 'static: true', then: steelyard calibrate EXPERIMENT --out DIR"
+        print()
+        say(
+            f"The poses are in {shown.out / POSES}. Record one row a pose with every instrument, as"
+            " a run with 'static: true', then:"
         )
+        print("  steelyard calibrate EXPERIMENT --out DIR")
 
 
 def _propose_swings(
@@ -351,10 +353,12 @@ def _propose_swings(
                 )
     print_result(swings_dict(found), document, as_json=shown.as_json)
     if shown.out is not None and not shown.as_json:
-        print(
-            f"\n{RESULT} and {ROBOT}, with the cables that stay, are in {shown.out}/. Record each swing"
-            " as a run with 'winches: locked', then: steelyard identify EXPERIMENT --out DIR"
+        print()
+        say(
+            f"{RESULT} and {ROBOT}, with the cables that stay, are in {shown.out}/. Record each swing"
+            " as a run with 'winches: locked', then:"
         )
+        print("  steelyard identify EXPERIMENT --out DIR")
 
 
 def _numbers_of(cables: str | None) -> list[int] | None:
@@ -423,15 +427,17 @@ def _print_next_steps(found: Design, place: str, out: Path) -> None:
     from steelyard.excitation.plan import is_experiment
 
     if not found.in_time:
-        print(
+        say(
             "The time was up before all searches had ended: another run may find another"
             " motion; a larger --budget helps."
         )
     files = ", ".join(name for _, name in command_names(found.appraisal))
     quoted = f"'{place}'" if " " in place else place
-    print(f"\n{files} and {RESULT} are in {out}/; {REPORT}.html shows the motion.")
+    print()
+    say(f"{files} and {RESULT} are in {out}/; {REPORT}.html shows the motion.")
     if is_experiment(place):
-        print(f"Record the motion, add it as a run to {place}, then: steelyard identify {quoted}")
+        say(f"Record the motion, add it as a run to {place}, then:")
+        print(f"  steelyard identify {quoted}")
         return
     print("Try it on the simulated robot next:")
     print(

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from steelyard.cli.options import common, force_option, out_option, seed_option, sensors_option
-from steelyard.cli.printing import print_json, print_samples, progress, samples_of
+from steelyard.cli.printing import print_json, print_samples, progress, samples_of, say
 from steelyard.cli.truth import TRUTH
 
 
@@ -55,5 +55,5 @@ def simulate(
         print_json({"experiment": str(experiment), "truth": str(truth), "samples": samples})
         return
     plural = "s" if len(samples) > 1 else ""
-    print(f"{experiment}: {len(samples)} run{plural} of {model.name}, truth in {truth}")
+    say(f"{experiment}: {len(samples)} run{plural} of {model.name}, truth in {truth}")
     print_samples(samples)

@@ -82,18 +82,17 @@ class Resonance:
     """How far the estimate moves with it, in its 1-sigma."""
 
     def __str__(self) -> str:
-        seems = (
-            f"seems to {'swing' if self.name == 'swings' else 'move'} at {self.frequency:.2g} Hz"
-        )
         moves = f"it moves the estimate by {self.shift:.1f} sigma"
         if self.mass is not None:
             return (
-                f"something of about {self.mass:.2g} kg {seems} below the platform ({moves}), which is"
-                " no part of a rigid body; fix it, or take it off and add it afterwards"
+                f"something of about {self.mass:.2g} kg seems to swing at {self.frequency:.2g} Hz below"
+                f" the platform ({moves}), which is no part of a rigid body; fix it, or take it off and"
+                " add it afterwards"
             )
         return (
-            f"a part of the platform {seems} against the rest ({moves}), which is no part of a rigid"
-            " body; stiffen it or fix it, or move more slowly than it does"
+            f"a part of the platform seems to move at {self.frequency:.2g} Hz against the rest"
+            f" ({moves}), which is no part of a rigid body; stiffen it or fix it, or move more slowly"
+            " than it does"
         )
 
 

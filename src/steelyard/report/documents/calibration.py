@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from steelyard.calibration.first_poses import UPRIGHT
-from steelyard.digits import figures, fixed, number
+from steelyard.digits import deviation, figures, fixed, number
 from steelyard.report.blocks.document import (
     Block,
     Document,
@@ -39,16 +39,24 @@ def _lead(found: GeometryCalibration) -> Statement:
     """The result in one sentence."""
     if found.reasons:
         return Statement(f"Not accepted: {'; '.join(found.reasons)}.", "bad")
-    sigma = np.concatenate([each[found.told[key]] for key, each in found.deviations.items()])
-    moved = [np.linalg.norm(each, axis=1).max() for each in found.moved.values()]
-    said = (
-        f"1-sigma of a coordinate {figures(_MM * np.median(sigma), 2)} mm in the median"
-        if sigma.size
-        else ""
+    if all(each.all() for each in found.exact.values()):
+        return Statement(
+            "Anchors and attachments are stated as exact, so that nothing of them was looked for; say"
+            " how well they are known, such as 'uncertainty: {anchor: 0.005, attachment: 0.002}'.",
+            "note",
+        )
+    sigma = np.concatenate(
+        [each[found.told[key] & ~found.exact[key]] for key, each in found.deviations.items()]
     )
+    if not sigma.size:
+        return Statement(
+            "These recordings tell no coordinate better than it was known beforehand.", "note"
+        )
+    moved = [np.linalg.norm(each, axis=1).max() for each in found.moved.values()]
     text = (
         f"Anchors moved by up to {figures(_MM * moved[0], 3)} mm, attachments by up to"
-        f" {figures(_MM * moved[1], 3)} mm; {said}: accepted."
+        f" {figures(_MM * moved[1], 3)} mm; 1-sigma of a coordinate"
+        f" {deviation(_MM * np.median(sigma))} mm in the median: accepted."
     )
     return Statement(text, "good")
 
@@ -77,9 +85,11 @@ def _result(found: GeometryCalibration) -> list[Block]:
     for key, value in found.points.items():
         told, sigma = found.told[key], found.deviations[key]
         for i, point in enumerate(value):
+            pairs = zip(point, sigma[i], strict=True)
+            texts = (number(float(_MM * v), float(_MM * s) if s else None) for v, s in pairs)
             cells = [
-                number(float(_MM * v), float(_MM * s)) if known else "not told"
-                for v, s, known in zip(point, sigma[i], told[i], strict=True)
+                f"{text} exact" if exact else text if known else "not told"
+                for text, known, exact in zip(texts, told[i], found.exact[key][i], strict=True)
             ]
             rows.append((f"{key} {i + 1}", "mm", *cells))
     head = ("point", "unit", *(f"{axis} ± 1-sigma" for axis in _AXES))
@@ -97,7 +107,7 @@ def _others(found: GeometryCalibration) -> Grid:
             parameters.names[place],
             entry.unit,
             number(float(values[place]), float(sigma[place])),
-            figures(found.found.parameters.deviation[place], 3),
+            deviation(found.found.parameters.deviation[place]),
         )
         for place, entry, i in parameters.components()
         if entry.owner not in {"robot", UPRIGHT} and entry.deviation[i] > 0 and entry.key != "delay"

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from steelyard.digits import LABELS, figures, fixed
+from steelyard.digits import LABELS, deviation, figures, fixed
 from steelyard.estimates.per_mass import PerMass
 from steelyard.excitation.swings.candidate_swings import Swing
 from steelyard.excitation.swings.swing_design import SwingDesign
@@ -56,8 +56,8 @@ def _lead(design: SwingDesign) -> Statement:
     if found is None or not np.isfinite(found.standard_deviation).all():
         return Statement(f"{text} do not tell the whole of the inertia per mass.", "note")
     return Statement(
-        f"{text} tell the centre of gravity to {figures(_MM * found.standard_deviation[:3].max(), 2)} mm"
-        f" and the moments per mass to {figures(100 * _share(found), 2)} % (1-sigma, the largest).",
+        f"{text} tell the centre of gravity to {deviation(_MM * found.standard_deviation[:3].max())} mm"
+        f" and the moments per mass to {deviation(100 * _share(found))} % (1-sigma, the largest).",
         "good",
     )
 
@@ -103,8 +103,8 @@ def _pushes(design: SwingDesign) -> Grid:
                 each.push,
                 _frequency(each),
                 figures(_MM * each.amplitude, 2),
-                figures(_MM * step.standard_deviation[:3].max(), 3),
-                figures(100 * _share(step), 3),
+                deviation(_MM * step.standard_deviation[:3].max()),
+                deviation(100 * _share(step)),
             )
         )
     head = (
@@ -137,7 +137,7 @@ def _told(design: SwingDesign) -> Grid:
     for i, (name, unit, factor) in enumerate(LABELS[1:]):
         sigma = np.nan if found is None else found.standard_deviation[i]
         label, scale, unit = (name, factor, unit) if i < 3 else (f"{name} / mass", 1.0, "m²")
-        text = figures(scale * sigma, 3) if np.isfinite(sigma) else _NOT_TOLD
+        text = deviation(scale * sigma) if np.isfinite(sigma) else _NOT_TOLD
         rows.append((label, unit, text))
     return Grid("All swings together", ("", "unit", "1-sigma"), tuple(rows), frozenset({2}))
 
@@ -148,8 +148,8 @@ def _comparison(design: SwingDesign) -> Grid:
         (
             ", ".join(map(str, each.cables)),
             str(len(each.swings)),
-            figures(_MM * each.steps[-1].standard_deviation[:3].max(), 3),
-            figures(100 * _share(each.steps[-1]), 3),
+            deviation(_MM * each.steps[-1].standard_deviation[:3].max()),
+            deviation(100 * _share(each.steps[-1])),
         )
         for each in design.sets
     )

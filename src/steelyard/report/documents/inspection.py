@@ -117,7 +117,7 @@ def _delays(found: Inspection) -> Grid:
             if each.told
             else ("not identifiable", "")
         )
-        prior = f"{figures(each.prior[0] * 1e3, 3)} ± {figures(each.prior[1] * 1e3, 3)}"
+        prior = number(each.prior[0] * 1e3, each.prior[1] * 1e3)
         rows.append((each.run, ", ".join(each.instruments), *value, prior, each.how))
     return Grid("Clock delays relative to the force clock", head, tuple(rows), frozenset({2, 3, 4}))
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.calibration.calibrate import GeometryCalibration
 from steelyard.calibration.first_poses import UPRIGHT
-from steelyard.digits import figures, fixed
+from steelyard.digits import deviation, fixed
 from steelyard.excitation.poses.pose_design import PoseDesign
 from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.instruments.base import TIME_CONSTANT
@@ -62,7 +62,7 @@ def _lead(design: PoseDesign) -> Statement:
     if not any(each.size for each in known.values()):
         return Statement(f"{len(design.poses)} poses at rest do not tell this geometry.", "bad")
     parts = [
-        f"{key}s to {figures(_MM * np.median(each), 2)} mm"
+        f"{key}s to {deviation(_MM * np.median(each))} mm"
         for key, each in known.items()
         if each.size
     ]
@@ -82,10 +82,10 @@ def _points(design: PoseDesign) -> Grid:
         before = parameters.deviation[parameters.places[ROBOT, key, None]].reshape(-1, 3)
         for i, (own, known) in enumerate(zip(each, told[key], strict=True)):
             cells = [
-                figures(_MM * value, 3) if there else _NOT_TOLD
+                deviation(_MM * value) if there else _NOT_TOLD
                 for value, there in zip(own, known, strict=True)
             ]
-            rows.append((f"{key} {i + 1}", "mm", *cells, figures(_MM * before[i].max(), 3)))
+            rows.append((f"{key} {i + 1}", "mm", *cells, deviation(_MM * before[i].max())))
     head = ("point", "unit", "x", "y", "z", "before")
     return Grid("1-sigma of anchors and attachments", head, tuple(rows), frozenset({2, 3, 4, 5}))
 
@@ -97,8 +97,8 @@ def _instruments(predicted: GeometryCalibration) -> Grid:
         (
             parameters.names[place],
             entry.unit,
-            figures(sigma[place], 3),
-            figures(entry.deviation[i], 3),
+            deviation(sigma[place]),
+            deviation(entry.deviation[i]),
         )
         for place, entry, i in parameters.components()
         if entry.owner not in {ROBOT, UPRIGHT} and entry.deviation[i] > 0 and entry.key != "delay"
@@ -114,15 +114,15 @@ def _comparison(design: PoseDesign) -> Grid:
     for key, each in own.items():
         ratio = design.over_grid.get(key)
         if design.grid is None or ratio is None:
-            rows.append((f"{key}s", "mm", figures(_MM * each.mean(), 3), "-", "-"))
+            rows.append((f"{key}s", "mm", deviation(_MM * each.mean()), "-", "-"))
             continue
         other = design.grid.deviations[key].mean()
         rows.append(
             (
                 f"{key}s",
                 "mm",
-                figures(_MM * each.mean(), 3),
-                figures(_MM * other, 3),
+                deviation(_MM * each.mean()),
+                deviation(_MM * other),
                 fixed(ratio, 2),
             )
         )

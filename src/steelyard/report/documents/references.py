@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.digits import LABELS, figures, fixed
+from steelyard.digits import LABELS, deviation, fixed
 from steelyard.excitation.references.reference_design import ReferenceDesign, ReferencePrediction
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.blocks.document import Document, Grid, Section, Statement, Statements
@@ -45,7 +45,7 @@ def _lead(design: ReferenceDesign) -> Statement:
     before = design.without.standard_deviation[most] * factor
     after = best.standard_deviation[most] * factor
     return Statement(
-        f"Most helps: {best.addition}; the 1-sigma of {name} falls from {figures(before, 3)} to {figures(after, 3)}"
+        f"Most helps: {best.addition}; the 1-sigma of {name} falls from {deviation(before)} to {deviation(after)}"
         f" {unit}.",
         "good",
     )
@@ -54,9 +54,9 @@ def _lead(design: ReferenceDesign) -> Statement:
 def _order(design: ReferenceDesign) -> Grid:
     """All of them; of each group of parameters the least certain."""
     groups = (*_GROUPS, *_MOMENTS)
-    rows = [("", "nothing", *_sizes(design.without), "1" if design.target is None else "")]
+    rows = [("", "nothing", *_sizes(design.without), "1.00" if design.target is None else "")]
     for i, each in enumerate(design.predictions):
-        score = figures(design.score(each), 3)
+        score = fixed(design.score(each), 2)
         rows.append((str(i + 1), str(each.addition), *_sizes(each), score))
     head = (
         "",
@@ -79,7 +79,7 @@ def _sizes(prediction: ReferencePrediction) -> Iterator[str]:
     sigma = prediction.standard_deviation
     for _, _, place, factor in (*_GROUPS, *_MOMENTS):
         own = sigma[place] * factor
-        yield _NOT_TOLD if np.isnan(own).any() else figures(own.max(), 3)
+        yield _NOT_TOLD if np.isnan(own).any() else deviation(own.max())
 
 
 def _ten(design: ReferenceDesign) -> Grid:
@@ -95,7 +95,7 @@ def _ten(design: ReferenceDesign) -> Grid:
 def _texts(deviations: Array) -> list[str]:
     """1-sigma of the ten in the units of :data:`LABELS`."""
     factors = [factor for _, _, factor in LABELS]
-    return [_NOT_TOLD if np.isnan(v) else figures(v, 3) for v in deviations * factors]
+    return [_NOT_TOLD if np.isnan(v) else deviation(v) for v in deviations * factors]
 
 
 def _said(design: ReferenceDesign) -> Statements:

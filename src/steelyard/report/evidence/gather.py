@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.clocks.offsets import Offset
+from steelyard.digits import number
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate
 from steelyard.experiment.model import Experiment
@@ -339,9 +340,14 @@ def _clocks(identification: Identification, posterior: Posterior) -> Iterator[Cl
         )
 
 
+def offset_in_words(clock: Offset) -> str:
+    """How late a clock is."""
+    return f"{number(clock.value, clock.sigma, sign=True)} s"
+
+
 def _found(clocks: Mapping[str, tuple[Offset, ...]], run: str, instruments: Sequence[str]) -> str:
     """How far a clock was found to be from that of the forces before the fit."""
     for each in clocks.get(run, ()):
         if set(each.instruments) & set(instruments):
-            return f"{each.value:+.4f} s ± {each.sigma * 1e3:.1f} ms"
+            return offset_in_words(each)
     return ""

@@ -15,7 +15,7 @@ from steelyard.digits import LABELS, figures
 from steelyard.estimates.estimate import Estimate, Verdict, per_mass_rows
 from steelyard.identification.identify import Identification
 from steelyard.inertia import Inertia
-from steelyard.report.evidence.gather import body_of, evidence_of
+from steelyard.report.evidence.gather import body_of, evidence_of, offset_in_words
 from steelyard.report.evidence.made import steelyard_version
 from steelyard.report.evidence.values import EstimatedBody, Evidence, Made, Ten, numbers
 
@@ -216,7 +216,7 @@ def _clocks(identification: Identification) -> Iterator[str]:
 
 def _offset(clock: Offset) -> str:
     """A clock in words: whose it is, how late, and how fast it runs."""
-    text = f"{' and '.join(clock.instruments)} {clock.value:+.4f} s ± {clock.sigma * 1e3:.1f} ms"
+    text = f"{' and '.join(clock.instruments)} {offset_in_words(clock)}"
     if clock.drift:
         text += f" (runs {clock.drift * 1e6:+.0f} parts per million fast)"
     return text

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from steelyard.cli.options import common, force_option, out_option
-from steelyard.cli.printing import print_json
+from steelyard.cli.printing import print_json, say
 from steelyard.errors import InputError
 
 
@@ -58,8 +58,9 @@ def import_(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Make a robot file of FILE..., from CASPR XML (bodies and cables), IRMA JSON, cdpyr, ROS-style
-    YAML, the configuration of a cable printer, or a URDF or MJCF of the platform.
+    """Make a robot file of FILE..., from CASPR XML (bodies and cables), WireCenter (.wcrfx), IRMA
+    JSON, cdpyr, ROS-style YAML, the configuration of a cable printer, or a URDF or MJCF of the
+    platform.
 
     The format is recognised by what stands in the files. What was taken for what, left out and
     assumed is said, also at the top of the robot file.
@@ -84,6 +85,6 @@ def import_(
         return
     made = imported.robot
     plural = "" if made.m == 1 else "s"
-    print(f"{out}: {made.name}, {made.m} cable{plural}, from {imported.format}")
+    say(f"{out}: {made.name}, {made.m} cable{plural}, from {imported.format}")
     for note in imported.notes:
-        print(f"  {note}")
+        say(note, "  ")

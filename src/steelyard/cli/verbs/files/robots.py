@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from steelyard.cli.options import common, force_option, out_option
-from steelyard.cli.printing import print_json
+from steelyard.cli.printing import print_json, say
 
 if TYPE_CHECKING:
     from steelyard.robot.model import Robot
@@ -54,7 +54,7 @@ def robots(name: str | None, out: Path | None, force: bool, as_json: bool, quiet
     for each, robot in every.items():
         print(f"{each:16} {robot.m} cables, nominal platform {_mass(robot) or 0:.3f} kg")
     if out is not None:
-        print(f"{out}: a page with a picture of each, such as {out / next(iter(every))}.html")
+        say(f"{out}: a page with a picture of each, such as {out / next(iter(every))}.html")
 
 
 def _check(robot: Robot, name: str) -> None:

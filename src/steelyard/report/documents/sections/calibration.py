@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from steelyard.digits import figures, fixed, number
+from steelyard.digits import deviation, figures, fixed, number
 from steelyard.report.blocks.document import Block, Figure, Grid, Section, Statement, Statements
 from steelyard.report.blocks.plot import NAMES_DOWNWARDS, points, stretch
 from steelyard.report.blocks.shown import Unit, scaled, shown_unit
@@ -58,7 +58,7 @@ def _clocks(summary: Summary) -> Grid:
         delay, prior = "0", "defines the time"
         if each.prior:
             delay = number(scaled(each.delay, 1e3), scaled(each.deviation, 1e3))
-            prior = f"± {figures(each.prior * 1e3, 3)}"
+            prior = f"± {deviation(each.prior * 1e3)}"
         rows.append((each.run, each.instruments, delay, prior, each.found or "-"))
     head = (
         "run",
@@ -89,7 +89,7 @@ def _errors(errors: tuple[CalibrationEstimate, ...]) -> Grid:
         found, unit = _estimate(each)
         prior = "-"
         if each.expected is not None and each.prior is not None:
-            prior = f"{figures(each.expected * unit.factor, 4)} ± {figures(each.prior * unit.factor, 3)}"
+            prior = number(each.expected * unit.factor, each.prior * unit.factor)
         rows.append((f"{each.instrument}, {each.name}", unit.name, found, prior))
     head = ("parameter", "unit", "estimate ± 1-sigma", "prior ± 1-sigma")
     title = "Calibration parameters of the instruments"
