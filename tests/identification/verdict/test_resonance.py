@@ -12,7 +12,7 @@ from simulated import RECORDER, ROBOT, sound, with_stream
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.verdict.assessment import reasons
-from steelyard.identification.verdict.resonance import resonance
+from steelyard.identification.verdict.resonance import _followed, resonance
 from steelyard.robot.kinematics import cables_at
 
 pytestmark = pytest.mark.integration
@@ -51,6 +51,23 @@ def on_a_string(mass, length):
         return np.einsum("nji,nj->ni", rotation, level)
 
     return force
+
+
+def test_a_response_is_that_of_the_integrated_oscillator():
+    time = np.arange(0.0, 6.0, 0.01)
+    driven = np.column_stack([np.sin(3 * time) * time, np.cos(5 * time) - 1, 0 * time])
+    omega, damping = 2 * np.pi * 0.8, 0.03
+
+    def rate(now, state):
+        at = np.array([np.interp(now, time, each) for each in driven.T])
+        return np.concatenate(
+            [state[3:], -at - 2 * damping * omega * state[3:] - omega**2 * state[:3]]
+        )
+
+    solved = solve_ivp(rate, (0, time[-1]), np.zeros(6), t_eval=time, rtol=1e-8, atol=1e-10)
+    assert _followed(driven, omega, damping) == pytest.approx(
+        omega**2 * solved.y[:3].T, abs=0.01 * np.abs(driven).max()
+    )
 
 
 @pytest.mark.parametrize(("mass", "length"), [(4.0, 0.6), (3.0, 1.5)])

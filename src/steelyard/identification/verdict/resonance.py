@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import bilinear, lfilter
+from scipy.linalg import solve_banded
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
@@ -188,15 +188,31 @@ class _Stretch:
 
     def response(self, kind: _Kind, frequency: float) -> Array:
         """Pull of a kilogramme, platform frame [N], shape (n, 3)."""
-        omega = 2 * np.pi * frequency
-        b, a = bilinear([-(omega**2)], [1.0, 2 * kind.damping * omega, omega**2], 1 / _STEP)
         driven = self.level if kind.name == "swings" else self.felt
         # It begins as it would hang at rest.
-        followed = lfilter(b, a, driven - driven[0], axis=0) - driven[0]
+        followed = _followed(driven - driven[0], 2 * np.pi * frequency, kind.damping) - driven[0]
         pull = np.column_stack([np.interp(self.time, self.instants, u) for u in followed.T])
         if kind.name == "bends":
             return pull
         return np.asarray(np.einsum("nji,nj->ni", self.rotation, pull))
+
+
+def _followed(driven: Array, omega: float, damping: float) -> Array:
+    """``omega^2 x`` of ``x'' + 2 damping omega x' + omega^2 x = -driven`` from rest, by the trapezoidal
+    rule, shape (t, 3).
+    """
+    half = omega * _STEP / 2
+    first, middle, last = (
+        1 + 2 * damping * half + half**2,
+        2 * (half**2 - 1),
+        1 - 2 * damping * half + half**2,
+    )
+    band = np.zeros((3, len(driven)))
+    band[0], band[1, :-1], band[2, :-2] = first, middle, last
+    right = driven.copy()
+    right[1:] += 2 * driven[:-1]
+    right[2:] += driven[:-2]
+    return np.asarray(solve_banded((2, 0), band, -(half**2) * right, check_finite=False))
 
 
 def _innovations(rows: Array, use: NDArray[np.bool_], kept: float) -> Array:
