@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.estimates.quantiles import chi2_below, chi2_tail
 from steelyard.experiment.faults.of_streams import channels, clipped
-from steelyard.identification.known_body import plausible
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.diagnosis import diagnose
 from steelyard.identification.verdict.directed_tests import Finding, directed_tests, of_description
@@ -230,22 +230,33 @@ def _of_runs(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     use = np.flatnonzero(posterior.told)
     if not len(use):
         return
-    chi = 0.0
-    size = plausible(posterior.parameters, posterior.size)[use]
+    chi, freedom = 0.0, 0.0
+    # In units of what is known of all, so that a direction has the share that a run tells of it.
+    root = _root_of(posterior.solution.covariance[np.ix_(use, use)])
     for own_scores, each in zip(by_run - by_run.mean(axis=0), sums, strict=True):
         # Noise of a motion gives its scores a mean where it tells hardly more than noise would:
         # unknown, since the motion follows the readings, up to what it takes of each parameter.
         taken = each.noise[np.ix_(use, use)] * posterior.parameters[use]
-        variance = each.normal[np.ix_(use, use)] + taken @ taken.T
-        scaled = own_scores[use] * size
-        inverse = np.linalg.pinv(variance * np.outer(size, size), rcond=1e-10, hermitian=True)
-        chi += float(scaled @ inverse @ scaled)
-    freedom = (len(sums) - 1) * len(use)
+        variance = root.T @ (each.normal[np.ix_(use, use)] + taken @ taken.T) @ root
+        share, direction = np.linalg.eigh(variance)
+        tells = share > settings.tells
+        along = (own_scores[use] @ root @ direction)[tells]
+        chi += float(np.sum(along**2 / share[tells]))
+        freedom += float(np.sum(tells)) * (len(sums) - 1) / len(sums)
+    if not freedom:
+        return
     if chi2_tail(chi / posterior.noise_factor, freedom) < settings.family / 10:
         yield (
-            f"the runs contradict each other (chi-square {chi:.0f} on {freedom}); check whether the"
+            f"the runs contradict each other (chi-square {chi:.0f} on {freedom:.0f}); check whether the"
             " load or a sensor changed between them"
         )
+
+
+def _root_of(covariance: Array) -> Array:
+    """A matrix whose product with its transpose this is, also where it is singular."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    square, direction = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * direction * np.sqrt(np.maximum(square, 0.0)))
 
 
 def _of_nominal(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:

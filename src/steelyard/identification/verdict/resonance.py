@@ -103,7 +103,8 @@ def resonance(found: Posterior, settings: VerdictSettings = VERDICT) -> Resonanc
         found: What the estimate stands on.
         settings: How much matters.
     """
-    stretches = list(_stretches(found))
+    # The noise of a held motion is in what is left over and in the response alike.
+    stretches = [] if found.fit.motions else list(_stretches(found))
     if not stretches:
         return None
     duration = max(each.duration for each in stretches)

@@ -30,6 +30,10 @@ class VerdictSettings:
     """Probability below which a residual is not what it is by chance."""
     informed: float = 0.98
     """Part of its prior variance that an error must have lost to say anything about its prior."""
+    tells: float = 0.01
+    """Part of what is known in a direction that a run must tell, so that it may contradict the others
+    there: what it says of less moves the estimate by about a tenth of its 1-sigma, and is as much
+    the curvature of the model as a reading."""
     most_named: int = 3
     """Numbers of the description that are named: what is named first may explain the rest."""
     fewest_blocks: int = 8
