@@ -240,16 +240,18 @@ def _stretch(found: Posterior, segment: Segment, forces: Forces, longest: float)
     """The beginning of a segment; None: there is too little of it."""
     state = found.fit.state
     assert state.parameters is not None
+    fewest = 2 * (TEN + found.calibration.calibration_parameters.m)
+    if len(forces.time) < fewest:
+        return None
     start, end = segment.span
-    step = float(np.median(np.diff(forces.time))) if len(forces.time) > 1 else np.inf
-    every = max(1, round(1 / (_SAMPLES * step))) if np.isfinite(step) else 1
-    part = forces.part(slice(0, int(longest / step) if step > 0 else None, every))
+    step = max(float(np.median(np.diff(forces.time))), 1e-9)
+    every = max(1, round(1 / (_SAMPLES * step)))
+    part = forces.part(slice(0, int(longest / step), every))
     at = balance_of(
         found.experiment, segment, part, state.calibration, state.parameters, state.factors
     )
     use = segment.holds(at.time) & ~part.touched
-    calibrated = found.calibration.calibration_parameters
-    if np.sum(use) < 2 * (TEN + calibrated.m):
+    if np.sum(use) < fewest:
         return None
     end = min(end, float(at.time[-1]))
     instants = np.arange(start, end, _STEP)
