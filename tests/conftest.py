@@ -6,6 +6,7 @@ import gc
 import json
 import os
 import re
+import signal
 import sys
 from itertools import combinations
 
@@ -102,3 +103,13 @@ def run(monkeypatch, capfd):
         return end.value.code, out, err
 
     return run
+
+
+@pytest.fixture(autouse=True, scope="session")
+def interrupts_are_heard():
+    """Where the tests run in the background, a shell has SIGINT ignored, also by what they begin."""
+    before = signal.getsignal(signal.SIGINT)
+    if before is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
