@@ -31,5 +31,4 @@ def left_over(following: Following) -> Array:
         state.parameters,
         state.factors,
     )
-    shown = np.einsum("nij,nj->ni", at.measured.unmodelled.wrench, at.disturbance)
-    return np.asarray(np.mean(at.left_over + shown, axis=0))
+    return np.asarray(np.mean(at.left_over + at.by_wrench, axis=0))

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from steelyard.identification.model.balance import UNMODELLED_PARTS
+from steelyard.identification.model.balance import UNMODELLED_PARTS, Balance
 from steelyard.identification.verdict import unmodelled
 from steelyard.identification.verdict.settings import VERDICT
 from steelyard.identification.verdict.unmodelled import of_disturbances, scatter_beside
@@ -63,12 +63,18 @@ def test_one_that_is_stated_is_known():
 @pytest.mark.parametrize(("wrench", "of_readings"), [(0.2, 0.0), (0.0, 0.2)])
 def test_noise_that_a_process_takes_up_counts_as_noise(monkeypatch, wrench, of_readings):
     # Half of the variance of the noise is in the process.
-    at = SimpleNamespace(
-        measured=SimpleNamespace(unmodelled=SimpleNamespace(wrench=np.eye(6)[None])),
+    at = Balance(
+        time=np.zeros(1),
+        motion={},
+        measured=SimpleNamespace(
+            unmodelled=SimpleNamespace(wrench=np.eye(6)[None]), wrench_by_reading=np.eye(6)[None]
+        ),
+        left_over=np.zeros((1, 6)),
+        sigmas=np.ones((1, 6)),
+        unmodelled_sigma=np.zeros(6),
+        noise=SimpleNamespace(whitener=np.eye(6)[None] * np.sqrt(0.5) / 0.2),
         disturbance=np.full((1, 6), wrench),
-        by_reading=np.eye(6)[None],
         coloured=np.full((1, 6), of_readings),
-        whitener=np.eye(6)[None] * np.sqrt(0.5) / 0.2,
     )
     monkeypatch.setattr(unmodelled, "balance_of", lambda *given: at)
     state = SimpleNamespace(segments=(None,), calibration=None, parameters=np.ones(10), factors={})

@@ -221,6 +221,20 @@ class Balance:
     """Readings of cables without a sensor, shape (r,); None: there are none."""
 
     @property
+    def by_wrench(self) -> Array:
+        """What the unmodelled wrench of the processes makes of the balance [N], [N m], shape (n, 6)."""
+        return np.asarray(
+            np.einsum("nij,nj->ni", self.measured.unmodelled.wrench, self.disturbance)
+        )
+
+    @property
+    def by_processes(self) -> Array:
+        """What all processes make of it: the unmodelled wrench and coloured noise of the readings [N],
+        [N m], shape (n, 6).
+        """
+        return np.asarray(self.by_wrench + np.einsum("nir,nr->ni", self.by_reading, self.coloured))
+
+    @property
     def structure(self) -> Array | None:
         """Shape (n, 6, m); None without cables."""
         return self.measured.structure

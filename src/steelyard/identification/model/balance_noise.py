@@ -128,12 +128,13 @@ class BalanceNoise:
     @cached_property
     def _of_read(self) -> Array:
         """The same of what is read alone."""
-        # What is taken out later may be as noisy as one likes: then no direction is without noise.
-        root = np.sqrt(np.sum(self.parts**2, axis=(1, 2), keepdims=True))
-        free = self.free / np.maximum(
-            np.sqrt(np.sum(self.free**2, axis=(1, 2), keepdims=True)), 1e-300
-        )
-        parts = np.concatenate([self.parts, root * free], axis=2)
+        parts = self.parts
+        if self.free.shape[2]:
+            # What is taken out later may be as noisy as one likes: then no direction is without noise.
+            size, own = (
+                np.sqrt(np.sum(each**2, axis=(1, 2), keepdims=True)) for each in (self.free, parts)
+            )
+            parts = np.concatenate([parts, own / np.maximum(size, 1e-300) * self.free], axis=2)
         # Rows are scaled first: forces and torques have different units and sizes.
         scale = np.sqrt(np.sum(parts**2, axis=2))
         scaled = parts / scale[:, :, None]

@@ -99,10 +99,9 @@ def scatter_beside(posterior: Posterior) -> float:
         at = balance_of(
             posterior.experiment, segment, forces, fit.calibration, fit.parameters, fit.factors
         )
-        wrench = np.einsum("nij,nj->ni", at.measured.unmodelled.wrench, at.disturbance)
-        wrench = wrench + np.einsum("nir,nr->ni", at.by_reading, at.coloured)
-        square += float(np.sum(np.einsum("nij,nj->ni", at.whitener, wrench) ** 2))
-        count += wrench.size
+        taken_up = np.einsum("nij,nj->ni", at.whitener, at.by_processes)
+        square += float(np.sum(taken_up**2))
+        count += taken_up.size
     return square / max(count, 1)
 
 

@@ -50,6 +50,19 @@ def walking(experiment, seed):
     return with_stream(experiment, "imu", lambda v: {"orientation": v["orientation"] @ turns})
 
 
+def squared_error(found):
+    """Of an accepted estimate, in its covariance: chi-square of ten."""
+    assert found.verdict.accepted, found.verdict.reasons
+    error = found.value - TRUTH
+    return error @ np.linalg.solve(found.covariance, error)
+
+
+def are_covered(estimates):
+    """Whether the intervals of estimates of all seeds are true."""
+    low, high = chi2.ppf([1e-3, 1 - 1e-3], 10 * len(SEEDS))
+    return low < sum(map(squared_error, estimates)) < high
+
+
 def test_where_nothing_is_asked_for_nothing_is_tried():
     for seed in SEEDS[:3]:
         found = fit_jointly(sound(seed))
@@ -63,9 +76,7 @@ def test_a_held_motion_takes_up_what_its_instruments_ask_for(settings):
     for segment in posterior.fit.state.segments:
         assert ("imu", "orientation") in {each.source for each in segment.processes}
     found = LeastSquares().of(posterior)
-    assert found.verdict.accepted, found.verdict.reasons
-    error = found.value - TRUTH
-    assert error @ np.linalg.solve(found.covariance, error) < chi2.isf(1e-3, 10)
+    assert squared_error(found) < chi2.isf(1e-3, 10)
 
 
 def test_a_held_motion_that_asks_for_nothing_has_nothing():
@@ -97,9 +108,7 @@ def test_forces_over_a_held_motion_ask_for_what_good_devices_do_not_have():
     off = errors[name]["value"] - 0.04
     assert abs(off) < 4 * errors[name]["standard_deviation"]
     found = LeastSquares().of(posterior)
-    assert found.verdict.accepted, found.verdict.reasons
-    error = found.value - TRUTH
-    assert error @ np.linalg.solve(found.covariance, error) < chi2.isf(1e-3, 10)
+    assert squared_error(found) < chi2.isf(1e-3, 10)
 
 
 def test_many_numbers_of_one_kind_are_said_in_one_sentence():
@@ -115,31 +124,20 @@ def test_many_numbers_of_one_kind_are_said_in_one_sentence():
 
 @pytest.mark.slow
 def test_intervals_over_a_held_motion_stay_true():
-    total = 0.0
-    for seed in SEEDS:
-        found = LeastSquares()(walking(sound(seed), seed))
-        assert found.verdict.accepted, found.verdict.reasons
-        error = found.value - TRUTH
-        total += error @ np.linalg.solve(found.covariance, error)
-    low, high = chi2.ppf([1e-3, 1 - 1e-3], 10 * len(SEEDS))
-    assert low < total < high
+    assert are_covered(LeastSquares()(walking(sound(seed), seed)) for seed in SEEDS)
 
 
 @pytest.mark.parametrize("disturbed", [pushed, walking])
 @pytest.mark.slow
 def test_a_disturbance_is_found_and_intervals_stay_true(disturbed):
     source = ("robot", "unmodelled force") if disturbed is pushed else ("imu", "orientation")
-    total = 0.0
+    estimates = []
     for seed in SEEDS:
         posterior = fit_jointly(disturbed(sound(seed), seed))
         segment = posterior.fit.state.segments[0]
         assert source in {each.source for each in segment.processes}
-        found = MaximumLikelihood().of(posterior)
-        assert found.verdict.accepted, found.verdict.reasons
-        error = found.value - TRUTH
-        total += error @ np.linalg.solve(found.covariance, error)
-    low, high = chi2.ppf([1e-3, 1 - 1e-3], 10 * len(SEEDS))
-    assert low < total < high
+        estimates.append(MaximumLikelihood().of(posterior))
+    assert are_covered(estimates)
 
 
 def in_colour(experiment, seed):
@@ -159,18 +157,9 @@ def test_coloured_noise_of_tensions_is_neither_a_wrench_nor_what_else_imitates_i
     assert process.time == pytest.approx(0.3, rel=0.5)
     assert not found_errors(posterior)
     found = MaximumLikelihood().of(posterior)
-    assert found.verdict.accepted, found.verdict.reasons
-    error = found.value - TRUTH
-    assert error @ np.linalg.solve(found.covariance, error) < chi2.isf(1e-3, 10)
+    assert squared_error(found) < chi2.isf(1e-3, 10)
 
 
 @pytest.mark.slow
 def test_intervals_beside_coloured_noise_of_tensions_stay_true():
-    total = 0.0
-    for seed in SEEDS:
-        found = MaximumLikelihood()(in_colour(sound(seed), seed))
-        assert found.verdict.accepted, found.verdict.reasons
-        error = found.value - TRUTH
-        total += error @ np.linalg.solve(found.covariance, error)
-    low, high = chi2.ppf([1e-3, 1 - 1e-3], 10 * len(SEEDS))
-    assert low < total < high
+    assert are_covered(MaximumLikelihood()(in_colour(sound(seed), seed)) for seed in SEEDS)

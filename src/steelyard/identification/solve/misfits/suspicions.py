@@ -297,12 +297,7 @@ class _Gains:
         freedom and as large as has its mean and variance [Satterthwaite1946]_.
         """
         own = self.column_of[places]
-        columns = np.union1d(self.base, own)
-        fall, moved = self._fall(columns, own)
-        inside = np.searchsorted(columns, own)
-        known = np.linalg.inv(self._tightened(own)[np.ix_(columns, columns)])[
-            np.ix_(inside, inside)
-        ]
+        fall, moved, known = self._fall(np.union1d(self.base, own), own)
         prior = 1 / self.wide[places]
         by_prior = known * np.outer(prior * self.scale[own], prior * self.scale[own])
         share = np.clip(1 - np.linalg.eigvalsh(by_prior), _LEAST_SHARE, 1.0)
@@ -315,26 +310,19 @@ class _Gains:
         """Decrease of the cost with the priors as stated."""
         return self._fall(self.base, self.base[:0])[0]
 
-    def _tighter_beside(self, own: NDArray[np.intp]) -> Array:
-        """Precision that the priors as stated have beyond the wide ones, but for some columns."""
+    def _fall(self, columns: NDArray[np.intp], own: NDArray[np.intp]) -> tuple[float, Array, Array]:
+        """Decrease of the cost where these columns alone may move, some of them widely; how these
+        move, and what is then known of them, in units of 1-sigma.
+        """
         tighter = self.tighter.copy()
         tighter[own], tighter[:, own] = 0.0, 0.0
-        return tighter
-
-    def _tightened(self, own: NDArray[np.intp]) -> Array:
-        """The matrix with the priors as stated but for some columns, in units of 1-sigma."""
-        return np.asarray(
-            self.matrix + self._tighter_beside(own) * np.outer(self.scale, self.scale)
-        )
-
-    def _fall(self, columns: NDArray[np.intp], own: NDArray[np.intp]) -> tuple[float, Array]:
-        """Decrease of the cost where these columns alone may move, some of them widely."""
-        matrix = self._tightened(own)
-        tighter = self._tighter_beside(own)
-        right = self.right + (tighter @ self.off) * self.scale
-        moved = np.zeros(len(self.scale))
-        moved[columns] = np.linalg.solve(matrix[np.ix_(columns, columns)], right[columns])
-        return float(right @ moved), np.asarray((moved * self.scale)[own])
+        matrix = self.matrix + tighter * np.outer(self.scale, self.scale)
+        right = (self.right + (tighter @ self.off) * self.scale)[columns]
+        covariance: Array = np.asarray(np.linalg.inv(matrix[np.ix_(columns, columns)]), np.float64)
+        moved = covariance @ right
+        inside = np.searchsorted(columns, own)
+        known = covariance[np.ix_(inside, inside)]
+        return float(right @ moved), np.asarray(moved[inside] * self.scale[own]), known
 
 
 def _with_priors_of(
