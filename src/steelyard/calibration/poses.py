@@ -15,7 +15,7 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.settings import MOTION
-from steelyard.identification.samples.segmentation import forces_of
+from steelyard.identification.samples.force_samples import forces_of
 from steelyard.instruments import Attitude
 
 _FIRST_NOISE = 1e-3

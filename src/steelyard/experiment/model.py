@@ -86,6 +86,8 @@ class Stream:
     off: Mapping[str, Array] = field(default_factory=dict)
     """Quantity -> how far the numbers of its log are from a rotation: the length of a quaternion from
     one, a matrix from its inverse's transpose; shape (n,). Only until damaged ones are left out."""
+    mean_of: int = 1
+    """Samples that each row is the mean of: its noise is by the root of it less than stated."""
 
     def __len__(self) -> int:
         return len(self.time)

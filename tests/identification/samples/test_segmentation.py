@@ -5,7 +5,8 @@ import pytest
 from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
 
-from steelyard.identification.samples.segmentation import least_noise, scatter, started
+from steelyard.identification.samples.motion_noise import least_noise, scatter
+from steelyard.identification.samples.spline_through_poses import started
 from steelyard.smoothing import DEGREE, knots
 
 START, END, SPACING = 0.0, 10.0, 0.25

@@ -90,6 +90,26 @@ class MotionSettings:
     """Readings of a command a second that count as independent [Hz]: it is wrong for a while where
     it is wrong."""
 
+    # Dense streams
+
+    averaged_over: float = 1e-3
+    """Longest time that samples are averaged over, on cables [s]: a vibration of 25 Hz, which is all
+    that a platform on cables does, loses a thousandth of its amplitude."""
+    averaged_over_on_sensor: float = 2.5e-4
+    """The same on a wrench sensor [s]: of 100 Hz, likewise."""
+    needed_in_group: float = 0.75
+    """Part of the samples of a mean that have to be there: its noise is at most a seventh more than
+    that of all."""
+    lost_in_groups: float = 0.2
+    """Part of all samples that gaps may lose between groups: of a stream with more gaps every
+    sample is looked at."""
+    usual_in_group: float = 0.99
+    """Part of the samples whose distance from the median of their group is usual: at that of normal
+    noise, 2.6 of its 1-sigma."""
+    alone_in_group: float = 3.0
+    """Usual distances beyond which a sample stands alone: 8 of 1-sigma, which normal noise never
+    reaches."""
+
     # Spacing of the knots
 
     finest: float = 0.02

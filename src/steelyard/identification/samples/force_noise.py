@@ -27,7 +27,7 @@ def force_sigma(experiment: Experiment, run: Run, samples: Samples) -> tuple[Arr
     least = least_sigma(experiment, run)
     if all(q.noise for q in quantities):
         stated = np.concatenate([np.full(q.size, q.noise) for q in quantities])
-        return np.maximum(stated, _FINEST / _LEAST_NOISE * least), True
+        return np.maximum(stated / _means(experiment, run), _FINEST / _LEAST_NOISE * least), True
     seen = np.concatenate([np.full(q.size, samples.noise.get(q.name, np.nan)) for q in quantities])
     return np.maximum(np.where(np.isfinite(seen), seen, _NOISE_AT_REST * least), least), False
 
@@ -37,7 +37,7 @@ def least_sigma(experiment: Experiment, run: Run) -> Array:
     name = experiment.force_instrument(run)
     assert name is not None
     values = run.streams[name].values
-    return np.concatenate(
+    least = np.concatenate(
         [
             np.full(
                 q.size,
@@ -46,6 +46,14 @@ def least_sigma(experiment: Experiment, run: Run) -> Array:
             for q in _force_quantities(experiment, run)
         ]
     )
+    return np.asarray(least / _means(experiment, run))
+
+
+def _means(experiment: Experiment, run: Run) -> float:
+    """By how much the noise of a force reading is less than that of a sample."""
+    name = experiment.force_instrument(run)
+    assert name is not None
+    return float(np.sqrt(run.streams[name].mean_of))
 
 
 def _force_quantities(experiment: Experiment, run: Run) -> tuple[Quantity, ...]:

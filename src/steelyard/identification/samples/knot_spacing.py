@@ -19,7 +19,10 @@ from scipy.optimize import minimize_scalar
 from scipy.sparse import csr_array, dia_array
 
 from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment
 from steelyard.identification.model.settings import MOTION, MotionSettings
+from steelyard.identification.samples.motion_streams import MotionStream, steps_of
+from steelyard.rotations import quaternions_of
 from steelyard.smoothing import DEGREE, knots
 
 
@@ -123,6 +126,49 @@ def best_spacing(
         found.append(sum(evidence(each, grid, settings) for each in inside))
     least = max(found) - settings.as_likely
     return max(spacing for spacing, each in zip(candidates, found, strict=True) if each >= least)
+
+
+def chosen_spacing(
+    experiment: Experiment,
+    streams: Sequence[MotionStream],
+    stretches: Sequence[tuple[float, float]],
+    settings: MotionSettings,
+) -> tuple[float, float]:
+    """Spacing of the knots: as fine as the readings ask for, and somewhat finer; and what they
+    could resolve, see :class:`Recorded`.
+    """
+    if not stretches:
+        return settings.widest, np.inf
+    start, end = max(stretches, key=lambda part: part[1] - part[0])
+    end = min(end, start + settings.judged)
+    channelled = []
+    for stream in streams:
+        values, sigma = stream.values, stream.sigma
+        if values.ndim == 3:
+            values = quaternions_of(values)
+            # A quaternion turns half as fast as the rotation vector.
+            sigma = sigma / 2 if sigma else None
+        complete = np.isfinite(values).all(axis=1)
+        channelled.append(
+            Channelled(stream.common[complete], values[complete], stream.order, sigma)
+        )
+    limit = settings.finest if experiment.robot.m else settings.finest_on_sensor
+    finest = max(limit, settings.per_knot * max(steps_of(streams).values()))
+    widest = max(finest, min(settings.widest, (end - start) / 8))
+    candidates = np.geomspace(finest, widest, 1 + int(np.ceil(2 * np.log2(widest / finest))))
+    best = best_spacing(channelled, [float(c) for c in candidates], start, end, settings=settings)
+    force_samples = [
+        float(np.median(np.diff(s.common)))
+        for s in streams
+        if s.source[1] == "specific_force" and len(s.common) > 1
+    ]
+    # Where the readings would have it finer than they resolve, it is no use to go on.
+    resolved = (
+        max(limit, settings.per_vibration * min(force_samples))
+        if force_samples and best > finest
+        else np.inf
+    )
+    return float(max(finest, best / np.sqrt(2))), resolved
 
 
 def _integral(grid: Array, order: int) -> Array:

@@ -23,6 +23,7 @@ from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import integrals_of
 from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.sources import Source
+from steelyard.identification.samples.dense_streams import average_dense
 from steelyard.identification.solve.beginning import (
     Tell,
     begin,
@@ -84,7 +85,8 @@ def fit_with_held_motion(
         NoBalanceError: Forces and motion cannot be balanced.
     """
     tell = progress or (lambda what, fraction: None)
-    return sound(lambda: _posterior(experiment, tell, held_out, settings))
+    dense = average_dense(experiment, settings.motion)
+    return sound(lambda: _posterior(dense, tell, held_out, settings))
 
 
 def _posterior(

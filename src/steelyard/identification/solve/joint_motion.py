@@ -17,7 +17,9 @@ from steelyard.identification.model.balance import balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.motion_residuals import reference_clocks, time_of
 from steelyard.identification.model.motion_segment import Segment
-from steelyard.identification.samples.segmentation import recorded, resampled
+from steelyard.identification.samples.dense_streams import average_dense
+from steelyard.identification.samples.segmentation import recorded
+from steelyard.identification.samples.spline_through_poses import resampled
 from steelyard.identification.solve.beginning import (
     Beginning,
     Readings,
@@ -85,7 +87,8 @@ def fit_jointly(
             progress(f"maximum-likelihood: {what}", fraction)
 
     def posterior() -> Posterior:
-        readings = read(experiment, start, tell, settings=settings)
+        dense = average_dense(experiment, settings.motion)
+        readings = read(dense, start, tell, settings=settings)
         found = fit_readings(readings, begin(readings, tell, thorough=False), tell)
         return concluded([stretch_of(readings, found)])
 

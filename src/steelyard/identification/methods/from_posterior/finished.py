@@ -190,18 +190,16 @@ def _of_fit(found: Posterior) -> dict[str, Any]:
         for segment in fit.state.segments
         if not segment.static
     }
-    first = fit.first_sigmas
+    first, means = fit.first_sigmas, _means_of(found)
     noise: dict[str, dict[str, Any]] = {}
     for (name, quantity), count in fit.tally.count.items():
         factor = fit.state.factors.get((name, quantity), 1.0)
+        # Of single samples, wherever means of them were looked at.
+        sample = first[name, quantity] * float(np.sqrt(means.get(name, 1)))
         noise.setdefault(name, {})[quantity] = {
-            "stated": first[name, quantity] if (name, quantity) in fit.stated else None,
-            "used": first[name, quantity] * factor,
-            "found": (
-                first[name, quantity]
-                * factor
-                * float(np.sqrt(fit.ratios.get((name, quantity), 1.0)))
-            ),
+            "stated": sample if (name, quantity) in fit.stated else None,
+            "used": sample * factor,
+            "found": (sample * factor * float(np.sqrt(fit.ratios.get((name, quantity), 1.0)))),
             "numbers": count,
             "far": fit.tally.far.get((name, quantity), 0),
         }
@@ -246,3 +244,9 @@ def _left_out(found: Posterior) -> list[str]:
             f"run '{run}': {count} force readings stand alone against all others: left out"
         )
     return notes
+
+
+def _means_of(found: Posterior) -> dict[str, int]:
+    """Instrument -> samples that each of the readings is the mean of, in the last run that has it."""
+    runs = found.experiment.runs
+    return {name: stream.mean_of for run in runs for name, stream in run.streams.items()}
