@@ -72,9 +72,9 @@ def averaged(stream: Stream, longest: float, settings: MotionSettings = MOTION) 
     count = _count(stream.time, longest)
     if count < 2:
         return stream
-    there = np.any(
-        [np.isfinite(v.reshape(len(v), -1)).any(axis=1) for v in stream.values.values()], axis=0
-    )
+    there = np.zeros(len(stream), dtype=bool)
+    for values in stream.values.values():
+        there |= np.isfinite(values.reshape(len(values), -1)).any(axis=1)
     rows = np.flatnonzero(there)
     groups = list(_groups(stream.time[rows], count, longest))
     if count * len(groups) < (1 - settings.lost_in_groups) * len(rows):
@@ -126,14 +126,13 @@ def _mean_rotations(values: Array, settings: MotionSettings) -> Array:
     """Rotations nearest to the means of groups, shape (g, n, 3, 3) -> (g, 3, 3); NaN as above."""
     groups, n = values.shape[:2]
     *_, use = _about_middle(values.reshape(groups, n, 9), settings)
-    whole = use.all(axis=2)
+    whole = np.logical_and.reduce(use, axis=2)
     count = whole.sum(axis=1)
     kept = count >= settings.needed_in_group * n
     found = np.full((groups, 3, 3), np.nan)
     mean = np.where(whole[:, :, None, None], values, 0.0)[kept].sum(axis=1)
     u, _, vt = np.linalg.svd(mean)
-    turned = np.linalg.det(u @ vt)
-    u[:, :, 2] *= turned[:, None]
+    u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
     found[kept] = u @ vt
     return found
 

@@ -128,6 +128,20 @@ def best_spacing(
     return max(spacing for spacing, each in zip(candidates, found, strict=True) if each >= least)
 
 
+def closest_spacing(
+    experiment: Experiment, streams: Sequence[MotionStream], settings: MotionSettings
+) -> float:
+    """Spacing of the knots that the instruments of the motion resolve at all [s].
+
+    Args:
+        experiment: With its robot.
+        streams: That tell the motion.
+        settings: With the limits.
+    """
+    limit = settings.finest if experiment.robot.m else settings.finest_on_sensor
+    return float(max(limit, settings.per_knot * max(steps_of(streams).values())))
+
+
 def chosen_spacing(
     experiment: Experiment,
     streams: Sequence[MotionStream],
@@ -153,7 +167,7 @@ def chosen_spacing(
             Channelled(stream.common[complete], values[complete], stream.order, sigma)
         )
     limit = settings.finest if experiment.robot.m else settings.finest_on_sensor
-    finest = max(limit, settings.per_knot * max(steps_of(streams).values()))
+    finest = closest_spacing(experiment, streams, settings)
     widest = max(finest, min(settings.widest, (end - start) / 8))
     candidates = np.geomspace(finest, widest, 1 + int(np.ceil(2 * np.log2(widest / finest))))
     best = best_spacing(channelled, [float(c) for c in candidates], start, end, settings=settings)

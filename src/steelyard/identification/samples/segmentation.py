@@ -24,7 +24,7 @@ from steelyard.identification.samples.force_samples import (
     least_forces,
     with_unresolved,
 )
-from steelyard.identification.samples.knot_spacing import chosen_spacing
+from steelyard.identification.samples.knot_spacing import chosen_spacing, closest_spacing
 from steelyard.identification.samples.motion_noise import least_noise, scatter
 from steelyard.identification.samples.motion_streams import (
     motion_streams,
@@ -50,6 +50,8 @@ class Recorded:
     finest: float = np.inf
     """Spacing of the knots that its instruments could still resolve [s]; infinite where it is that
     fine already."""
+    closest: float = np.inf
+    """Spacing of the knots that they resolve at all [s]; infinite of poses at rest."""
 
 
 def recorded(
@@ -221,6 +223,7 @@ def _moving(
         least,
         tuple(notes),
         finest,
+        closest_spacing(experiment, streams, settings),
     )
 
 

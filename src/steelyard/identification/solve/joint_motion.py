@@ -2,7 +2,8 @@
 
 First the motion alone, then motion and forces; force readings that stand alone and stretches in
 which something touches the platform are left out; where forces and accelerometer feel a vibration
-that the knots do not follow, finer knots do.
+that the knots do not follow, finer knots do, and where forces resolve more of the motion than its
+own instruments ask for.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from steelyard.identification.solve.beginning import (
     with_body,
 )
 from steelyard.identification.solve.conclusion import Fitted, concluded, sound, stretch_of
-from steelyard.identification.solve.fit_state import FitState, Task
+from steelyard.identification.solve.fit_state import FitState, Task, linearise, smooth
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.coherence import coherence
 from steelyard.identification.solve.misfits.disturbances import as_noise, with_disturbances
@@ -41,6 +42,8 @@ from steelyard.identification.solve.misfits.suspicions import (
     with_suspicions,
     without_needless,
 )
+from steelyard.identification.solve.newton_step import step_of
+from steelyard.identification.solve.noise_levels import ratios_of, spent_by
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.identification.solve.stated_processes import with_stated
@@ -114,6 +117,7 @@ def fit_readings(readings: Readings, begun: Beginning, tell: Tell) -> Fitted:
         begun = with_body(readings, _again(readings, found, vibrations))
         readings, begun = _without_hands(readings, begun)
         found = _fitted(readings, begun, tell, vibrations)
+    found = _as_forces_ask(readings, found, tell)
     tell("what nothing explains", 0.8)
     usual = found.task.calibration_parameters
     for turn in range(_EXPLANATIONS):
@@ -183,6 +187,79 @@ def _finer(readings: Readings, vibrations: Mapping[str, _Vibration]) -> Readings
         for run, each, record in zip(readings.runs, readings.samples, readings.records, strict=True)
     )
     return replace(readings, records=records)
+
+
+def _as_forces_ask(readings: Readings, found: Fitted, tell: Tell) -> Fitted:
+    """On finer knots where forces whose noise is stated resolve more of the motion than its own
+    instruments ask for, as those of a large or heavy platform do; the very same where these explain
+    none of what is left of the forces.
+    """
+    for _ in range(readings.settings.finer_turns):
+        coarse = _coarse(readings, found)
+        if not coarse:
+            break
+        finer = _finer(readings, coarse)
+        begun = with_body(finer, _again(finer, found, coarse))
+        if not _explain(begun, found):
+            break
+        tell("following what the forces resolve", 0.5)
+        finer, begun = _without_hands(finer, begun)
+        tried = _fitted(finer, begun, tell, {})
+        if not tried.fit.converged or _force_level(tried) >= _force_level(found):
+            break
+        readings, found = finer, tried
+    return found
+
+
+def _coarse(readings: Readings, found: Fitted) -> dict[str, _Vibration]:
+    """Runs whose forces scatter more than their stated noise does and whose instruments resolve
+    finer knots, with knots half as far apart.
+    """
+    settings, experiment = readings.settings, readings.experiment
+    if not found.fit.converged:
+        return {}
+    closest = {segment.run: each.closest for each in readings.records for segment in each.segments}
+    coarse = {}
+    for segment, forces in zip(found.fit.state.segments, found.force_samples, strict=True):
+        if segment.static or not _larger_noise(found, forces.name):
+            continue
+        spacing = float(segment.knots[DEGREE + 1] - segment.knots[DEGREE])
+        if closest[segment.run] < settings.much_finer * spacing:
+            finer = max(closest[segment.run], spacing / 2)
+            coarse[segment.run] = _Vibration(finer, clock_of(experiment, forces.name), 0.0)
+    return coarse
+
+
+def _larger_noise(found: Fitted, name: str) -> bool:
+    """Whether an instrument scatters more than its stated noise does."""
+    factors, stated = found.fit.state.factors, found.fit.stated
+    return any(own[0] == name and own in stated and f > 1.0 for own, f in factors.items())
+
+
+def _force_level(found: Fitted) -> float:
+    """Largest factor of the stated noise of the forces."""
+    names = {forces.name for forces in found.force_samples}
+    return max((f for own, f in found.fit.state.factors.items() if own[0] in names), default=1.0)
+
+
+def _explain(begun: Beginning, found: Fitted) -> bool:
+    """Whether one step of the motion on other knots takes most of what is left of the forces, its
+    freedom counted: noise, and errors of the description, stay.
+    """
+    task = replace(begun.task, force_samples=found.force_samples)
+    task, state = with_jitter(task, with_stated(task, begun.state))
+    parts, _ = linearise(task, state)
+    state = step_of(task, state, smooth(state, [each.all for each in parts])).along(
+        task, state, 1.0
+    )
+    parts, tally = linearise(task, state)
+    ratios = ratios_of(task, spent_by(smooth(state, [each.all for each in parts])), tally)
+    names = {forces.name for forces in found.force_samples}
+    return any(
+        ratios[own] < task.settings.explained * before
+        for own, before in found.fit.ratios.items()
+        if own[0] in names and own in ratios and _larger_noise(found, own[0])
+    )
 
 
 def _vibrations(readings: Readings, fitted: Fitted) -> dict[str, _Vibration]:

@@ -145,6 +145,12 @@ class FitSettings:
     much_finer: float = 0.7
     """Spacing that the instruments could resolve, in parts of the present one, that is worth a
     second fit."""
+    finer_turns: int = 3
+    """Times that knots are halved where forces ask for it, at most: to an eighth."""
+    explained: float = 0.5
+    """Part of the variance of what is left of the forces that finer knots leave, at most, where they
+    are what is missing: each halving takes all but some hundredths of the error of a spline, and
+    nothing of noise."""
     coherence_lag: float = 0.05
     """Largest lag between the two [s]."""
     coherence_chance: float = 6.0
