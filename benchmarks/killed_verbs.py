@@ -1,15 +1,20 @@
 """Commands that write, ended at random moments: are their results old or new, is a signal lost?
 
-``python benchmarks/killed_verbs.py [COUNT [SECONDS]]``: every verb of :data:`VERBS` in turn replaces
-results that are there and gets SIGKILL, SIGTERM or SIGINT; half of the moments are drawn over the
-time that the verb takes, half over the tenth of a second after it has begun to write. What is
+``python benchmarks/killed_verbs.py [COUNT [SECONDS [VERB ...]]]``: every verb of :data:`VERBS`, or
+some of them, in turn replaces results that are there and gets SIGKILL, SIGTERM or SIGINT; half of
+the moments are drawn over the time that the verb takes, half over the tenth of a second after it has begun to write. What is
 there then must be, byte by byte, all of the old files or all of the new ones; the next undisturbed
 command must leave nothing hidden. A signal is lost where the process goes on for more than two
-seconds, or ends as if none had come though its results are not in their place. ``killed.py`` does
-the same with campaigns, which go on afterwards.
+seconds, or ends as if none had come though its results are not in their place.
+
+Two are different. A study goes on: after every kill the same command once more has to end with the
+results of one that nobody has disturbed. The log of ``watch`` grows: it has to be the old one, or
+lines that are whole, with an estimate beside it only where it has ended; a signal ends it with an
+estimate of what was seen. ``killed.py`` kills campaigns.
 """
 
 import itertools
+import json
 import os
 import random
 import shutil
@@ -40,7 +45,12 @@ VERBS = {
     "inspect": "small/experiment.yaml --out {out} --force",
     "robots": "cogiro --out {out}/robot.html --force",
     "init": "small/moving --robot small/robot.yaml --out {out}/experiment.yaml --force",
+    "demo": "--out {out} --force",
+    "study": "cogiro --draws 2 --duration 3 --method two-step --jobs 1 --out {out}",
+    "watch": "run/experiment.yaml --source replay:multisine@max --rate 2 --out {out}/log.jsonl --force",
 }
+GOES_ON, GROWS = "study", "watch"
+ROWS = "campaign.parquet"
 SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 LOST = 2.0
 """[s]"""
@@ -60,12 +70,43 @@ def tree(folder):
     }
 
 
+def hidden_in(top):
+    """What commands prepare; the lock of a study stays."""
+    return [path for path in top.rglob(".steelyard-*") if path.name != ".steelyard-campaign.lock"]
+
+
 def begun(verb, top):
     arguments = VERBS[verb].format(out=f"out-{verb}").split()
     return subprocess.Popen(
         [sys.executable, "-m", "steelyard", verb, *arguments],
         cwd=top, env=ENV, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
     )  # fmt: skip
+
+
+def kind_of(verb, found, old, new):
+    """``old``, ``new`` or ``mixed``."""
+    if found == old:
+        return "old"
+    if verb == GOES_ON:
+        # Its rows tell how long each took.
+        found, new = ({k: v for k, v in each.items() if k != ROWS} for each in (found, new))
+    if found == new:
+        return "new"
+    if verb != GROWS or set(found) - set(new) or found.get("mine.txt") != old["mine.txt"]:
+        return "mixed"
+    lines = found["log.jsonl"]
+    # The estimate of the old log is taken away before that is.
+    begun = "estimate.json" not in found and (lines == old["log.jsonl"] or is_json(lines))
+    ended = is_json(lines) and is_json(found.get("estimate.json", b"{").replace(b"\n", b""))
+    return "new" if begun or ended else "mixed"
+
+
+def is_json(lines):
+    """Whether all lines are whole."""
+    try:
+        return all(isinstance(json.loads(line), dict) for line in lines.splitlines())
+    except ValueError:
+        return False
 
 
 def prepared(verb, top):
@@ -83,6 +124,10 @@ def prepared(verb, top):
     process.communicate()
     taken = time.monotonic() - before
     new = tree(out)
+    if verb == GOES_ON:
+        shutil.rmtree(out)
+        start.mkdir()
+        return start, {}, new, process.returncode, taken
     for name in new:
         kept = verb in ("report", "export") and name in ("estimate.json", "report.json")
         if not kept and name != "provenance.json":
@@ -104,7 +149,7 @@ def ended(verb, top, taken, rng):
     else:
         wait, end = rng.uniform(0.0, WRITES), time.monotonic() + 3 * taken
         while process.poll() is None and time.monotonic() < end:
-            if next(top.rglob(".steelyard-*"), None) is not None:
+            if hidden_in(top):
                 break
             time.sleep(0.002)
     with suppress(subprocess.TimeoutExpired):
@@ -127,30 +172,35 @@ def main():
     with tempfile.TemporaryDirectory() as temporary:
         top = Path(temporary)
         write_small(top / "small")
+        subprocess.run([sys.executable, "-m", "steelyard", "simulate", "cogiro", "--duration", "12",
+                        "--out", "run", "--quiet"], cwd=top, env=ENV, check=True)  # fmt: skip
         (top / "hall").mkdir()
         write_experiment(recorded(m=4)[0], top / "hall")
         for name in ("found", "other"):
             words = ["identify", "small/experiment.yaml", "--method", "two-step", "--out", name]
             subprocess.run([sys.executable, "-m", "steelyard", *words], cwd=top, env=ENV,
                            stdout=subprocess.DEVNULL, check=False)  # fmt: skip
-        ready = {verb: prepared(verb, top) for verb in VERBS}
-        table = {verb: dict.fromkeys(("kills", "old", "new", "mixed", "lost"), 0) for verb in VERBS}
+        verbs = sys.argv[3:] or list(VERBS)
+        ready = {verb: prepared(verb, top) for verb in verbs}
+        table = {verb: dict.fromkeys(("kills", "old", "new", "mixed", "lost"), 0) for verb in verbs}
         times = []
-        for verb in itertools.cycle(VERBS):
+        for verb in itertools.cycle(verbs):
             done = sum(row["kills"] for row in table.values())
             if done >= count or time.monotonic() - began > limit:
                 break
             start, old, new, status, taken = ready[verb]
             out, row = top / f"out-{verb}", table[verb]
-            shutil.rmtree(out)
+            shutil.rmtree(out, ignore_errors=True)
             shutil.copytree(start, out)
             how = ended(verb, top, taken, rng)
             if how is None:
                 continue
             number, code, said, after = how
+            if verb == GOES_ON:
+                begun(verb, top).communicate()
             found = tree(out)
             row["kills"] += 1
-            kind = "old" if found == old else "new" if found == new else "mixed"
+            kind = kind_of(verb, found, old, new)
             row[kind] += 1
             if number != signal.SIGKILL:
                 times.append(after)
@@ -158,16 +208,18 @@ def main():
                 # Before the program's first line Python itself ends, with a status of its own.
                 heard = code in (expected, -number) or any(word in said for word in BEFORE)
                 heard = heard or (code == status and kind == "new")
+                # It ends with what was seen, or says that nothing has arrived.
+                heard = heard or (verb == GROWS and code in (0, 3) and kind == "new")
                 if not heard or after > LOST:
                     row["lost"] += 1
                     print(f"{verb}: {number.name}: status {code} after {after:.2f} s, {kind}: {said[-300:]}")  # fmt: skip
             if kind == "mixed":
-                print(f"{verb}: {number.name}: {sorted(found)}, hidden {list(top.rglob('.steelyard-*'))}")  # fmt: skip
+                print(f"{verb}: {number.name}: {sorted(found)}, hidden {hidden_in(top)}")  # fmt: skip
         left = 0
         for verb, (*_, new, _, _) in ready.items():
             begun(verb, top).communicate()
-            left += tree(top / f"out-{verb}") != new
-        hidden = list(top.rglob(".steelyard-*"))
+            left += kind_of(verb, tree(top / f"out-{verb}"), None, new) != "new"
+        hidden = hidden_in(top)
     print("| command | kills | old / new | mixed | signals lost |\n|---|---|---|---|---|")
     for verb, row in table.items():
         print(f"| `{verb}` | {row['kills']} | {row['old']} / {row['new']} | {row['mixed']} | {row['lost']} |")  # fmt: skip
