@@ -146,3 +146,9 @@ def test_the_common_time_does_not_move():
     before = experiment.common_time(run, "imu")
     after = dense.common_time(dense.runs[0], "imu")
     assert after[0] == pytest.approx(before[:4].mean(), abs=1e-12)
+
+
+def test_an_encoder_that_stands_still_is_left_as_it_is(rng):
+    flickering = 2.413 + 1e-4 * rng.integers(-1, 2, (len(TIME), 2))
+    own = stream(flickering)
+    assert averaged(own, 1e-3) is own

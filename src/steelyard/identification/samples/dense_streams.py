@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.model.settings import MOTION, MotionSettings
+from steelyard.identification.samples.motion_noise import stands_still
 
 _APART = 16
 """Samples over which the time between two is looked at: some converters hand them over in packets."""
@@ -70,7 +71,8 @@ def averaged(stream: Stream, longest: float, settings: MotionSettings = MOTION) 
         settings: When a mean counts.
     """
     count = _count(stream.time, longest)
-    if count < 2:
+    if count < 2 or any(stands_still(values) for values in stream.values.values()):
+        # Means of an encoder that flickers by a digit would no longer show that it stands still.
         return stream
     there = np.zeros(len(stream), dtype=bool)
     for values in stream.values.values():

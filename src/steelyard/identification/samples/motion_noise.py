@@ -9,6 +9,9 @@ from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.samples.motion_streams import unbroken
 from steelyard.smoothing import Samples1D, fit
 
+_FLICKER = 3
+"""Values that an encoder at rest may read: its count and those beside it."""
+
 
 def scatter(
     time: Array,
@@ -55,3 +58,14 @@ def least_noise(values: Array, settings: MotionSettings = MOTION) -> float:
         + 1e-9 * np.nanmax(np.abs(flat))
         + 1e-12
     )
+
+
+def stands_still(values: Array) -> bool:
+    """Whether a quantity does nothing but flicker by its last digit, as the encoders of locked winches
+    do: it tells nothing of its noise.
+
+    Args:
+        values: Readings, shape (n, ...).
+    """
+    flat = values.reshape(len(values), -1)
+    return all(len(np.unique(own[np.isfinite(own)])) <= _FLICKER for own in flat.T)

@@ -30,6 +30,7 @@ class MotionStream:
     """Common time [s]."""
     values: Array
     sigma: float | None
+    unit: str
     order: int
     """Highest derivative of the motion that it reads."""
     determines: tuple[Part, ...]
@@ -98,6 +99,7 @@ def motion_streams(
                 common[use],
                 values[use],
                 sigma,
+                quantity.unit,
                 order_of(instrument, quantity.name, experiment.robot),
                 quantity.determines,
                 looks_at_cables,

@@ -26,6 +26,7 @@ from steelyard.identification.samples.force_samples import (
 )
 from steelyard.identification.samples.knot_spacing import chosen_spacing, closest_spacing
 from steelyard.identification.samples.motion_noise import least_noise, scatter
+from steelyard.identification.samples.motion_noise import stands_still as stands_still
 from steelyard.identification.samples.motion_streams import (
     motion_streams,
     steps_of,
@@ -165,9 +166,9 @@ def _moving(
         coefficients = started(samples.time, pose, grid, first, last, spacing)
         readings = []
         for stream in streams:
-            use = (stream.common >= start - settings.margin / 2) & (
-                stream.common <= end + settings.margin / 2
-            )
+            # Where no force is read, nobody knows how far cables stretch.
+            margin = 0.0 if stream.needs_tension else settings.margin / 2
+            use = (stream.common >= start - margin) & (stream.common <= end + margin)
             if not use.any():
                 continue
             width = max(
@@ -180,6 +181,9 @@ def _moving(
             )
             least_seen = least_noise(stream.values[use], settings) / stream.mean_of**0.5
             least_stated = settings.finest_noise / settings.least_noise * least_seen
+            still = stands_still(stream.values[use])
+            if still:
+                least_seen = settings.at_rest(stream.unit) / settings.best_at_rest
             sigma = (
                 float(
                     np.hypot(
@@ -188,6 +192,8 @@ def _moving(
                     )
                 )
                 if stream.sigma
+                else settings.at_rest(stream.unit)
+                if still
                 else scatter(stream.common[use], stream.values[use], start, end, width, settings)
             )
             least[stream.source] = min(least.get(stream.source, np.inf), least_seen)
