@@ -27,7 +27,7 @@ from steelyard.experiment.model import Datum, Experiment, Fault, Run
 from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
 from steelyard.experiment.tables.dead_weights import with_weights_apart
 from steelyard.experiment.tables.seen_frequencies import with_frequencies_apart
-from steelyard.experiment.unread import with_unread_cables
+from steelyard.experiment.unread import is_unread, with_unread_cables
 from steelyard.instruments import Instrument
 from steelyard.logs.log import Log, NoRowsError
 from steelyard.processes.forked import check_not_forked
@@ -101,10 +101,25 @@ def assembled(
             ("runs",),
             "expected a run of the platform beside the dead weights, found none; add one",
         )
+    if weighed:
+        _check_weighed(experiment, document)
     numbers = {run.name: i for i, run in enumerate(runs)}
     for run in experiment.runs:
         _check_run(experiment, run, document, ("runs", numbers[run.name]), weighed=weighed)
     return experiment
+
+
+def _check_weighed(experiment: Experiment, document: YamlDocument) -> None:
+    """Refuse several loads of which nothing tells one's mass: what damps swings and stretches cables
+    is the same for all, and none of it can be told in multiples of two masses.
+    """
+    for load in experiment.loads if len(experiment.loads) > 1 else ():
+        if "mass" not in load.known and is_unread(experiment.alone(load)):
+            raise document.error(
+                ("loads", load.name),
+                f"expected the mass of load '{load.name}', whose runs read no forces, found none;"
+                f" weigh it and add 'known: {{mass: {{value: …, sigma: …}}}}', or add the forces",
+            )
 
 
 def _as_stated(experiment: Experiment, form: ExperimentForm) -> Experiment:
@@ -523,16 +538,6 @@ def _check_run(
     """
     force = experiment.force_instrument(run)
     m = experiment.robot.m
-    if (
-        weighed
-        and len(experiment.loads) > 1
-        and (force is None or experiment.instruments[force].stands_in(m))
-    ):
-        raise document.error(
-            key,
-            f"run '{run.name}': expected forces in every run of an experiment with several loads,"
-            " found none; add the forces, or identify the run in an experiment of its own",
-        )
     if weighed and force is None and not run.locked:
         swings = (
             ", or write 'winches: locked' where the platform swung on cables of constant length"
