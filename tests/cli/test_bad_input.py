@@ -1140,6 +1140,24 @@ SIMULATIONS = [
         "simulate cogiro --trajectory paper --duration 0.5 --out results",
     ),
     case(
+        "loads missing",
+        nothing,
+        r"none\.yaml: expected a file, found nothing",
+        f"{SIMULATE} --loads none.yaml",
+    ),
+    case(
+        "load of no body",
+        write("loads.yaml", "loads: {empty: {}, part: {}}\n"),
+        r"loads\.yaml: load 'part': expected the whole body to simulate, found no mass; add .nominal.",
+        f"{SIMULATE} --loads loads.yaml",
+    ),
+    case(
+        "order of loads that are not there",
+        write("loads.yaml", "loads: {empty: {}}\norder: [empty, full]\n"),
+        r"loads\.yaml:2: 'order\[1\]': expected the name of a load, found 'full'; known here: empty",
+        f"{SIMULATE} --loads loads.yaml",
+    ),
+    case(
         "unknown sensors",
         nothing,
         r"--sensors: expected .*found 'cheap'",

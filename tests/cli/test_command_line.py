@@ -252,6 +252,34 @@ def test_a_body_on_a_wrench_sensor_from_simulation_to_estimate(run, tmp_path):
     np.testing.assert_allclose(np.diag(estimate["inertia"]), [0.05, 0.06, 0.03], atol=2e-3)
 
 
+LOADS = """\
+loads:
+  empty: {}
+  weight: {added: {mass: {value: 32.2, sigma: 0.01}, center_of_gravity: {x: 0, y: 0, z: 0.3}}}
+order: [empty, weight, empty]
+"""
+
+
+@pytest.mark.slow
+def test_loads_are_simulated_and_their_errors_printed(run, tmp_path):
+    (tmp_path / "loads.yaml").write_text(LOADS)
+    options = ["--duration", 6, "--loads", tmp_path / "loads.yaml"]
+    status, out, err = run("simulate", "cogiro", *options, "--out", tmp_path / "out")
+    assert (status, err) == (0, "")
+    assert "3 runs of cogiro" in out
+    assert "multisine empty 2:" in out
+    truth = parsed((tmp_path / "out" / "truth.json").read_text())["loads"]
+    experiment = tmp_path / "out" / "experiment.yaml"
+    status, out, err = run("identify", experiment, "--method", "maximum-likelihood")
+    assert err == ""
+    printed = out[out.index("differences of loads") :].split("mass ")[1].splitlines()[0]
+    # mass, unit, value ± 1-sigma, error; the first of these is the unit.
+    value, error = float(printed.split()[1]), float(printed.split()[4])
+    added = truth["weight"]["mass"] - truth["empty"]["mass"]
+    assert value - error == pytest.approx(added, abs=2e-3)
+    assert out[out.index("each load by") :].splitlines()[2].count("error") == 2
+
+
 # Identify
 
 

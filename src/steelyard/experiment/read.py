@@ -18,21 +18,20 @@ from steelyard.experiment.faults.spikes import without_spikes
 from steelyard.experiment.faults.stuck import without_stuck
 from steelyard.experiment.form import (
     RUN_KEYS,
-    AddedBodyForm,
     ExperimentForm,
-    KnownBodyForm,
     PlanForm,
     RunForm,
 )
-from steelyard.experiment.model import Datum, Experiment, Fault, Load, Run
+from steelyard.experiment.loads import check_loads, known_values, loads_of_forms
+from steelyard.experiment.model import Datum, Experiment, Fault, Run
 from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
 from steelyard.experiment.tables.dead_weights import with_weights_apart
 from steelyard.experiment.tables.seen_frequencies import with_frequencies_apart
-from steelyard.experiment.unread import with_unread_cables
+from steelyard.experiment.unread import is_unread, with_unread_cables
 from steelyard.instruments import Instrument
 from steelyard.logs.log import Log, NoRowsError
 from steelyard.processes.forked import check_not_forked
-from steelyard.robot.file import PlatformForm, body_of_form, read_robot
+from steelyard.robot.file import read_robot
 from steelyard.robot.model import DIRECTIONS, Robot
 from steelyard.yaml_file import YamlDocument, read_yaml, require_printable, validate
 
@@ -102,10 +101,25 @@ def assembled(
             ("runs",),
             "expected a run of the platform beside the dead weights, found none; add one",
         )
+    if weighed:
+        _check_weighed(experiment, document)
     numbers = {run.name: i for i, run in enumerate(runs)}
     for run in experiment.runs:
         _check_run(experiment, run, document, ("runs", numbers[run.name]), weighed=weighed)
     return experiment
+
+
+def _check_weighed(experiment: Experiment, document: YamlDocument) -> None:
+    """Refuse several loads of which nothing tells one's mass: what damps swings and stretches cables
+    is the same for all, and none of it can be told in multiples of two masses.
+    """
+    for load in experiment.loads if len(experiment.loads) > 1 else ():
+        if "mass" not in load.known and is_unread(experiment.alone(load)):
+            raise document.error(
+                ("loads", load.name),
+                f"expected the mass of load '{load.name}', whose runs read no forces, found none;"
+                f" weigh it and add 'known: {{mass: {{value: …, sigma: …}}}}', or add the forces",
+            )
 
 
 def _as_stated(experiment: Experiment, form: ExperimentForm) -> Experiment:
@@ -160,47 +174,20 @@ def _planned(form: PlanForm, document: YamlDocument) -> Experiment:
 
 def _experiment(form: ExperimentForm, robot: Robot, runs: tuple[Run, ...]) -> Experiment:
     """The experiment, once all of its parts are read."""
-    loads = tuple(
-        Load(
-            name,
-            _known(each.known),
-            body_of_form(each.nominal),
-            each.rigid,
-            _known_points(each.added),
-        )
-        for name, each in form.loads.items()
-    )
+    loads = loads_of_forms(form.loads, robot.platform)
     if loads:
-        first = replace(loads[0], nominal=loads[0].nominal or robot.platform)
-        loads = (first, *loads[1:])
-        robot = replace(robot, platform=first.nominal)
+        robot = replace(robot, platform=loads[0].nominal)
     return Experiment(
         name=form.name or "experiment",
         robot=robot,
         instruments=form.instruments,
         runs=runs,
-        known=loads[0].known if loads else _known(form.known),
+        known=loads[0].known if loads else known_values(form.known),
         loads=loads,
         uncertainty=form.uncertainty.of_robot,
         surroundings=form.surroundings,
         datum=None if form.datum is None else Datum(form.datum.anchors or (), form.datum.pose),
     )
-
-
-def _known(form: KnownBodyForm) -> dict[str, tuple[float, float]]:
-    """Body parameter -> value and 1-sigma known beforehand."""
-    entries = {f"J{axes}": entry for axes, entry in vars(form.inertia).items()}
-    known = {name: (entry.value, entry.sigma) for name, entry in entries.items() if entry}
-    return _known_points(form) | known
-
-
-def _known_points(form: KnownBodyForm | AddedBodyForm) -> dict[str, tuple[float, float]]:
-    """The same of mass and centre of gravity."""
-    entries = {
-        "mass": form.mass,
-        **{f"c{axis}": entry for axis, entry in vars(form.center_of_gravity).items()},
-    }
-    return {name: (entry.value, entry.sigma) for name, entry in entries.items() if entry}
 
 
 def _check_names(form: ExperimentForm, document: YamlDocument) -> None:
@@ -271,7 +258,7 @@ def _are_on_a_line(points: Array) -> bool:
 
 def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
     """Refuse loads that are not there, what they cannot be, and runs that tell nothing of theirs."""
-    if form.loads and _known(form.known):
+    if form.loads and known_values(form.known):
         raise document.error(
             ("known",),
             "expected what is known under the load that it is about, found it for all of them; move"
@@ -286,20 +273,7 @@ def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
             "expected no natural frequencies in an experiment with several loads, found a table of"
             " them; identify each load with its frequencies in an experiment of its own",
         )
-    for name, each in form.loads.items():
-        if not _NAME.fullmatch(name):
-            raise document.error(
-                ("loads", name),
-                "expected a name of letters, digits, '_', '-' and blanks, found"
-                f" '{name}'; rename it",
-            )
-        if each.nominal is not None and not _is_possible(each.nominal):
-            raise document.error(
-                ("loads", name, "nominal"),
-                "expected a body that can exist, found one whose moments of inertia no body has;"
-                " correct it",
-            )
-    _check_added(form, document)
+    check_loads(form.loads, document)
     for i, run in enumerate(form.runs):
         if run.load is not None and run.load not in form.loads:
             known = f"; known here: {', '.join(form.loads)}" if form.loads else "; add 'loads'"
@@ -323,23 +297,6 @@ def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
         )
 
 
-def _check_added(form: ExperimentForm, document: YamlDocument) -> None:
-    """Refuse what the first load has more than itself, and a place of what nobody has weighed."""
-    for i, (name, each) in enumerate(form.loads.items()):
-        added = _known_points(each.added)
-        if added and i == 0:
-            raise document.error(
-                ("loads", name, "added"),
-                "expected none of the first load, to which others are added, found one; put the load"
-                " without it first",
-            )
-        if added and "mass" not in added:
-            raise document.error(
-                ("loads", name, "added"),
-                "expected the mass of what was added beside its centre of gravity, found none; add it",
-            )
-
-
 def _is_carried(form: ExperimentForm, name: str) -> bool:
     """Whether a run carries a load."""
     first = next(iter(form.loads))
@@ -349,15 +306,6 @@ def _is_carried(form: ExperimentForm, name: str) -> bool:
 def _is_of_sensors(form: ExperimentForm, run: RunForm) -> bool:
     """Whether a run is no recording of a body, but a table of what is known of sensors."""
     return bool(run.streams) and all(form.instruments[n].calibrates for n in run.streams)
-
-
-def _is_possible(form: PlatformForm) -> bool:
-    """Whether a body can exist."""
-    try:
-        body = body_of_form(form)
-    except ValueError:
-        return False
-    return body is None or body.is_physical
 
 
 def check_instruments(
@@ -590,16 +538,6 @@ def _check_run(
     """
     force = experiment.force_instrument(run)
     m = experiment.robot.m
-    if (
-        weighed
-        and len(experiment.loads) > 1
-        and (force is None or experiment.instruments[force].stands_in(m))
-    ):
-        raise document.error(
-            key,
-            f"run '{run.name}': expected forces in every run of an experiment with several loads,"
-            " found none; add the forces, or identify the run in an experiment of its own",
-        )
     if weighed and force is None and not run.locked:
         swings = (
             ", or write 'winches: locked' where the platform swung on cables of constant length"

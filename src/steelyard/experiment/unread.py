@@ -33,13 +33,16 @@ def with_unread_cables(experiment: Experiment, *, every: bool = False) -> Experi
         every: Whether in all runs that have no forces, poses at rest too.
     """
     instruments = dict(experiment.instruments)
-    weight = usual_mass(experiment) * float(np.linalg.norm(experiment.robot.gravity))
+    gravity = float(np.linalg.norm(experiment.robot.gravity))
     runs = []
     for run in experiment.runs:
         clock = _clock(experiment, run, every=every)
         if clock is not None:
             name, instrument = _standing_in(instruments, clock, experiment.robot)
             instruments[name] = instrument
+            load = experiment.load_of(run.name)
+            carried = experiment if load is None else experiment.of_load(load)
+            weight = usual_mass(carried) * gravity
             stream = _stream(run.streams[clock].time, weight, experiment.robot)
             sync = {**run.sync, name: run.sync[clock]} if run.sync else {}
             run = replace(run, streams={**run.streams, name: stream}, sync=sync)
@@ -48,7 +51,10 @@ def with_unread_cables(experiment: Experiment, *, every: bool = False) -> Experi
     if "mass" in found.known or not is_unread(found):
         return found
     known = {**found.known, "mass": (usual_mass(found), 0.0)}
-    return replace(found, known=known, mass_assumed=True)
+    loads = tuple(
+        replace(load, known=known) if i == 0 else load for i, load in enumerate(found.loads)
+    )
+    return replace(found, known=known, loads=loads, mass_assumed=True)
 
 
 def is_unread(experiment: Experiment) -> bool:

@@ -6,6 +6,7 @@ import io
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Literal
@@ -137,10 +138,12 @@ def _unmodelled(experiment: Experiment) -> dict[str, Any]:
     )
 
 
-def _stated(experiment: Experiment) -> dict[str, tuple[float, float]]:
+def _stated(
+    known: Mapping[str, tuple[float, float]], *, mass_assumed: bool
+) -> dict[str, tuple[float, float]]:
     """What is known beforehand, without what is only assumed."""
-    assumed = {"mass"} if experiment.mass_assumed else set[str]()
-    return {name: value for name, value in experiment.known.items() if name not in assumed}
+    assumed = {"mass"} if mass_assumed else set[str]()
+    return {name: value for name, value in known.items() if name not in assumed}
 
 
 def _datum(experiment: Experiment) -> dict[str, Any]:
@@ -155,8 +158,11 @@ def _datum(experiment: Experiment) -> dict[str, Any]:
 def _bodies(experiment: Experiment) -> dict[str, Any]:
     """What is known beforehand of the body, or of each of several loads."""
     if not experiment.loads:
-        known = _known(_stated(experiment))
+        known = _known(_stated(experiment.known, mass_assumed=experiment.mass_assumed))
         return {"known": known} if known else {}
+    first, *further = experiment.loads
+    # A mass is assumed of the first load alone.
+    own = _stated(first.known, mass_assumed=experiment.mass_assumed)
     return {
         "loads": {
             load.name: {
@@ -165,7 +171,7 @@ def _bodies(experiment: Experiment) -> dict[str, Any]:
                 **({"nominal": platform_values(load.nominal)} if load.nominal else {}),
                 **({} if load.rigid else {"rigid": False}),
             }
-            for load in experiment.loads
+            for load in (replace(first, known=own), *further)
         }
     }
 

@@ -348,13 +348,19 @@ def _estimate(
                 method.name, "it needs a run in motion, found natural frequencies alone"
             )
         return by_frequencies(experiment, method.name)
-    if fit is None and experiment.loads:
-        return each_alone(lambda alone: method(alone, progress), experiment)
+    if fit is None and experiment.loads and not method.lack(experiment):
+        return each_alone(lambda alone: _alone(method, alone, progress), experiment)
     if fit is None or method.lack(experiment):
         return method(experiment, progress)
     if fit not in posteriors:
         posteriors[fit] = fit(experiment, progress)
     return method.drawn(posteriors[fit])
+
+
+def _alone(method: Method, experiment: Experiment, progress: Progress) -> Estimate:
+    """Of one of several loads; where its runs lack what the method needs, the others have it."""
+    lack = method.lack(experiment)
+    return no_estimate(method.name, lack) if lack else method(experiment, progress)
 
 
 def _left_out(experiment: Experiment) -> Iterator[str]:

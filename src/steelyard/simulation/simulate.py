@@ -23,12 +23,15 @@ from steelyard.simulation.forward_dynamics import (
     CablePlatform,
     ForwardDynamicsSettings,
 )
+from steelyard.simulation.loads import Loads, read_loads, recordings, stated_bodies
 from steelyard.simulation.recording import Errors, draw_errors, record
 from steelyard.simulation.response import ExactMotion, Progress, Response
 from steelyard.simulation.sensors import Sensors, put_nested, read_sensors
 from steelyard.simulation.trajectories import trajectories as motions
 
 FORMAT = "steelyard-truth/1"
+_OF_BODIES = 1
+"""Stream of random numbers of what is known of loads, beside that of everything else."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +97,7 @@ def simulate(
     duration: float | None = None,
     seed: int = 0,
     name: str | None = None,
-    loads: Mapping[str, Inertia] | None = None,
+    loads: Mapping[str, Inertia] | Loads | str | Path | None = None,
     progress: Callable[[str, float], None] | None = None,
     settings: ForwardDynamicsSettings = DEFAULT,
 ) -> VirtualExperiment:
@@ -112,7 +115,9 @@ def simulate(
         seed: Of all that is drawn; the same seed gives the same numbers.
         name: Of the experiment.
         loads: Name -> body that the platform is with it: every motion is recorded with every load,
-            as run ``MOTION LOAD``; None: that of the robot alone.
+            as run ``MOTION LOAD``. Or the path of a YAML file with ``loads`` as in an experiment
+            file and the ``order`` of the recordings; what is ``known`` there with a 1-sigma lies off
+            by a draw of it. None: that of the robot alone.
         progress: Is given the run and the fraction of it that is done.
         settings: Of the forward dynamics.
 
@@ -130,6 +135,9 @@ def simulate(
             "trajectories: expected a mapping of names to motions, a name or the path of a file,"
             f" found {type(trajectories).__name__}; correct it"
         )
+    stated, order, bodies = _carried(loads, robot, seed)
+    if stated:
+        robot = replace(robot, platform=stated[0].nominal or bodies[stated[0].name])
     if isinstance(trajectories, str):
         trajectories = motions(robot, trajectories, duration)
     elif duration is not None:
@@ -137,13 +145,11 @@ def simulate(
             "duration: expected none with trajectories, found one; they have their own durations"
         )
     carrying: dict[str | None, Robot] = {
-        name: replace(robot, platform=body) for name, body in (loads or {}).items()
+        name: replace(robot, platform=body) for name, body in bodies.items()
     } or {None: robot}
-    carried = {
-        (motion if load is None else f"{motion} {load}"): (load, motion)
-        for load in carrying
-        for motion in trajectories
-    }
+    carried: Mapping[str, tuple[str | None, str]] = (
+        recordings(order, trajectories) if order else {each: (None, each) for each in trajectories}
+    )
     responders = {load: _responder(each, settings) for load, each in carrying.items()}
     # Errors, noise and clocks come from streams of their own, so that one more run changes nothing
     # in the others.
@@ -161,16 +167,36 @@ def simulate(
     assert first.platform is not None
     experiment = Experiment(
         name=name or f"virtual {robot.name}",
-        robot=robot,
+        robot=replace(robot, platform=stated[0].nominal) if stated else robot,
         instruments=sensors.instruments,
         runs=tuple(runs),
+        known=stated[0].known if stated else {},
         uncertainty={"anchor": 0.0, "attachment": 0.0, "gravity": 0.0},
-        loads=tuple(
-            Load(load, nominal=robot.platform if not i else None)
-            for i, load in enumerate(loads or ())
-        ),
+        loads=stated,
     )
-    return VirtualExperiment(experiment, first.platform, errors, loads or {})
+    return VirtualExperiment(experiment, first.platform, errors, bodies)
+
+
+def _carried(
+    loads: Mapping[str, Inertia] | Loads | str | Path | None, robot: Robot, seed: int
+) -> tuple[tuple[Load, ...], tuple[str, ...], Mapping[str, Inertia]]:
+    """Loads as they are stated, their names in the order of the recordings, and what they are.
+
+    Raises:
+        InputError: A file is wrong.
+    """
+    if isinstance(loads, str | Path):
+        loads = read_loads(loads, robot)
+    if isinstance(loads, Loads):
+        drawn = loads.drawn(np.random.default_rng([seed, _OF_BODIES]))
+        return loads.stated, loads.order, drawn
+    if loads is not None and not isinstance(loads, Mapping):
+        raise WrongValueError(
+            "loads: expected a mapping of names to bodies, or the path of a file, found"
+            f" {type(loads).__name__}; correct it"
+        )
+    bodies = loads or {}
+    return stated_bodies(bodies, robot.platform), tuple(bodies), bodies
 
 
 def _responder(

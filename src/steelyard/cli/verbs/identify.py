@@ -23,7 +23,7 @@ from steelyard.cli.options import (
     selected,
 )
 from steelyard.cli.printing import print_result, progress
-from steelyard.cli.truth import known_truth
+from steelyard.cli.truth import known_truth, known_truth_of_loads
 from steelyard.errors import InputError
 
 if TYPE_CHECKING:
@@ -169,9 +169,9 @@ def identify(
         found = identified(
             recorded, methods, tell, holdout=holdout, ready=ready, anyway=anyway, jobs=jobs
         )
-    truth = known_truth(experiment.parent)
+    truth, of_loads = known_truth(experiment.parent), known_truth_of_loads(experiment.parent)
     if out is None:
-        summary = summarise(found, truth, with_evidence=False)
+        summary = summarise(found, truth, with_evidence=False, truth_of_loads=of_loads)
     else:
         options = _in_words(
             {
@@ -187,7 +187,8 @@ def identify(
                 "anyway": anyway,
             }
         )
-        summary = summarise(found, truth, made=made_of(recorded, options, facts))
+        made = made_of(recorded, options, facts)
+        summary = summarise(found, truth, made=made, truth_of_loads=of_loads)
         with results_folder(out, force=force) as folder:
             write_identification(found, summary, folder)
             write_provenance(folder, out, read_files(recorded, experiment), sys.argv[1:])

@@ -25,6 +25,13 @@ from steelyard.cli.truth import TRUTH
 @click.option(
     "--duration", type=float, metavar="S", help="Of the multisine, or of one move of the paper [s]."
 )
+@click.option(
+    "--loads",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="YAML file with 'loads' as in an experiment file, and the 'order' of the recordings:"
+    " every motion is recorded with every load.",
+)
 @seed_option(help="The same seed gives the same bytes.")
 @force_option()
 @common
@@ -34,6 +41,7 @@ def simulate(
     trajectory: str,
     sensors: str,
     duration: float | None,
+    loads: Path | None,
     seed: int,
     force: bool,
     as_json: bool,
@@ -47,7 +55,9 @@ def simulate(
 
         check_target(out, force=force)
         model = read_robot(robot)
-        virtual = simulated(model, trajectory, sensors, duration=duration, seed=seed, progress=tell)
+        virtual = simulated(
+            model, trajectory, sensors, duration=duration, loads=loads, seed=seed, progress=tell
+        )
     virtual.write(out, force=force)
     experiment, truth = out / "experiment.yaml", out / TRUTH
     samples = samples_of(virtual.experiment)

@@ -208,7 +208,7 @@ def _of_forces(expressions: _RunExpressions, readings: ForceReadings) -> Instrum
         attached=ca.DM(expressions.calibration.of_robot(*ATTACHED)),
         air=ca.DM(expressions.calibration.of_robot(*AIR)),
         hoses=ca.DM(expressions.calibration.hoses),
-        swivel=ca.DM(expressions.calibration.swivel),
+        swivel=ca.DM(expressions.calibration.swivel()),
         **cables,
     )
     unknown = "tension" if robot.m else "wrench"

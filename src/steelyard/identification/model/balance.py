@@ -447,9 +447,9 @@ def moving_body(
         "parameters": calibration.body(parameters, segment.run),
         "drag": 0.0 if segment.static else calibration.drag,
         "attached": calibration.of_robot(*ATTACHED),
-        "air": calibration.of_robot(*AIR),
+        "air": calibration.of_robot(*AIR, run=segment.run),
         "hoses": calibration.hoses,
-        "swivel": calibration.swivel,
+        "swivel": calibration.swivel(segment.run),
     }
 
 

@@ -351,35 +351,36 @@ class CalibrationValues:
         parts = hose_keys(self.calibration_parameters)
         return self.of_robot(*parts) if parts else np.zeros(0)
 
-    def of_robot(self, *parts: tuple[str, int]) -> Array:
+    def of_robot(self, *parts: tuple[str, int], run: str | None = None) -> Array:
         """Values of several parameters of the robot, one after the other; zero where they are not
         there.
 
         Args:
             *parts: Key and size of each.
+            run: In which they act, where some have values of their own in runs; None: in all.
         """
         places = self.calibration_parameters.places
-        return np.concatenate(
-            [
-                self.values[places[ROBOT, key, None]]
-                if (ROBOT, key, None) in places
-                else np.zeros(size)
-                for key, size in parts
-            ]
-        )
+        found = []
+        for key, size in parts:
+            place = places.get((ROBOT, key, run), places.get((ROBOT, key, None)))
+            found.append(np.zeros(size) if place is None else self.values[place])
+        return np.concatenate(found)
 
-    @property
-    def swivel(self) -> Array:
+    def swivel(self, run: str | None = None) -> Array:
         """Friction where cables turn about their anchors [N m], shape (m,); (0,) where forces are
         read, beside which it is of no account.
+
+        Args:
+            run: In which it acts; None: in those of the first load.
         """
-        place = self.calibration_parameters.places.get((ROBOT, SWIVEL, None))
-        return np.zeros(0) if place is None else self.values[place]
+        there = (ROBOT, SWIVEL, None) in self.calibration_parameters.places
+        m = self.calibration_parameters.m
+        return self.of_robot((SWIVEL, m), run=run) if there else np.zeros(0)
 
     @property
     def pulling(self) -> tuple[int, int]:
         """Number of hoses that are stated, and of anchors at which cables rub."""
-        return len(self.hoses) // sum(size for _, size in HOSE), len(self.swivel)
+        return len(self.hoses) // sum(size for _, size in HOSE), len(self.swivel())
 
     @property
     def gravity(self) -> Array:
@@ -568,12 +569,17 @@ def _surroundings(experiment: Experiment) -> Iterator[CalibrationParameter]:
         stated = {AIR[0][0]: (air.value, air.sigma), AIR[1][0]: (0.0, turning)}
     if is_unread(experiment):
         # All that moves the platform is its weight: what decays its swings matters.
-        damping = _DECAY * experiment.known["mass"][0]
-        for (key, _), arm in zip(DAMPING, (1.0, size**2), strict=True):
-            stated[key] = (0.0, damping * arm)
-        m = experiment.robot.m
-        rubs = np.full(m, _RUBBING * _usual_tensions(experiment) / m)
-        yield CalibrationParameter(ROBOT, SWIVEL, None, "N m", np.zeros(m), rubs)
+        stated |= _decay(experiment.known["mass"][0], size)
+        yield _rubbing(experiment)
+        # Ropes and bearings that bear another load damp and rub otherwise.
+        further = [load for load in experiment.loads[1:] if "mass" in load.known]
+        for load in further:
+            decay = _decay(load.known["mass"][0], size)
+            for run in experiment.alone(load).runs:
+                yield _rubbing(experiment, run.name)
+                for (key, count), unit in zip(DAMPING, units[-2:], strict=True):
+                    mean, sigma = (np.full(count, value) for value in decay[key])
+                    yield CalibrationParameter(ROBOT, key, run.name, unit, mean, sigma)
     for (key, count), unit, suspected in zip((*ATTACHED, *AIR), units, sizes, strict=True):
         if key in stated:
             mean, sigma = (np.full(count, value) for value in stated[key])
@@ -581,6 +587,26 @@ def _surroundings(experiment: Experiment) -> Iterator[CalibrationParameter]:
         else:
             none = np.zeros(count)
             yield CalibrationParameter(ROBOT, key, None, unit, none, none, suspected)
+
+
+def _decay(mass: float, size: float) -> dict[str, tuple[float, float]]:
+    """What damps swings where no force is read: key -> mean and 1-sigma.
+
+    Args:
+        mass: That swings [kg].
+        size: Of the robot [m].
+    """
+    damping = _DECAY * mass
+    return {
+        key: (0.0, damping * arm) for (key, _), arm in zip(DAMPING, (1.0, size**2), strict=True)
+    }
+
+
+def _rubbing(experiment: Experiment, run: str | None = None) -> CalibrationParameter:
+    """Friction where cables turn about their anchors, in a run or in all."""
+    m = experiment.robot.m
+    rubs = np.full(m, _RUBBING * _usual_tensions(experiment) / m)
+    return CalibrationParameter(ROBOT, SWIVEL, run, "N m", np.zeros(m), rubs)
 
 
 def _hoses(experiment: Experiment) -> Iterator[CalibrationParameter]:

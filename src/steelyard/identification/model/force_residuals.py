@@ -489,15 +489,17 @@ def _by_robot(point: _BalancePoint) -> _ByParameters:
     """Derivatives of the balance by gravity, by the geometry of the cables, by what is carried more
     than the first load and by what else pulls at the platform.
     """
-    places = point.calibration.calibration_parameters.places
+    parameters = point.calibration.calibration_parameters
+    places = parameters.places
     keys = ("gravity", "anchor", "attachment") if point.experiment.robot.m else ("gravity",)
     for key in keys:
         yield places[ROBOT, key, None], point.derivatives[f"by_{key}"]
-    load = point.calibration.calibration_parameters.place_of_load(point.segment.run)
+    load = parameters.place_of_load(point.segment.run)
     if load is not None:
         yield load, point.derivatives["by_parameters"]
-    hoses = hose_keys(point.calibration.calibration_parameters)
-    swivels = ((SWIVEL, point.calibration.swivel.size),) if point.calibration.swivel.size else ()
+    hoses = hose_keys(parameters)
+    rubbing = point.calibration.swivel().size
+    swivels = ((SWIVEL, rubbing),) if rubbing else ()
     beside = (
         ("by_attached", ATTACHED),
         ("by_air", AIR),
@@ -508,7 +510,7 @@ def _by_robot(point: _BalancePoint) -> _ByParameters:
         column = 0
         for key, size in parts if point.experiment.robot.m or parts is hoses else ():
             derivative = point.derivatives[name][:, :, column : column + size]
-            yield places[ROBOT, key, None], derivative
+            yield parameters.place(ROBOT, key, point.segment.run), derivative
             column += size
 
 

@@ -25,8 +25,7 @@ from steelyard.identification.samples.force_samples import (
     with_unresolved,
 )
 from steelyard.identification.samples.knot_spacing import chosen_spacing, closest_spacing
-from steelyard.identification.samples.motion_noise import least_noise, scatter
-from steelyard.identification.samples.motion_noise import stands_still as stands_still
+from steelyard.identification.samples.motion_noise import least_noise, scatter, stands_still
 from steelyard.identification.samples.motion_streams import (
     motion_streams,
     steps_of,

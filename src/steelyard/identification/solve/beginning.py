@@ -35,8 +35,9 @@ from steelyard.identification.samples.first_motion import (
     turns_are_told,
     with_first_motion,
 )
+from steelyard.identification.samples.motion_noise import stands_still
 from steelyard.identification.samples.preparation import Samples, prepare, with_every_cable
-from steelyard.identification.samples.segmentation import Recorded, recorded, stands_still
+from steelyard.identification.samples.segmentation import Recorded, recorded
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.disturbances import too_large, with_disturbances

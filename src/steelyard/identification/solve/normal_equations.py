@@ -309,10 +309,10 @@ def enlarged(
     part = np.flatnonzero(identifiable)
     if not len(part):
         return solution
-    expected = solution.noise_part[np.ix_(part, part)]
-    scale = 1 / np.sqrt(np.diag(expected))
-    scaled = expected * np.outer(scale, scale) + 1e-9 * np.eye(len(part))
-    whiten = np.linalg.inv(np.linalg.cholesky(scaled)) * scale
+    own = np.ix_(part, part)
+    whiten = _whitening(solution.noise_part[own], solution.covariance[own], settings)
+    if not whiten.size:
+        return solution
     moved = blocks.scores(solution.value) @ solution.gain[part].T @ whiten.T
     runs = np.unique(blocks.run)
     found = {"blocks": _scatter(moved, settings)}
@@ -320,13 +320,33 @@ def enlarged(
         found["noise"] = _beyond_chance(solution.ratio, 6 * freedom, settings)
     if len(runs) > 1:
         by_run = np.array([moved[blocks.run == run].sum(axis=0) for run in runs])
-        freedom_of_runs = (len(runs) - 1) * len(part)
+        freedom_of_runs = (len(runs) - 1) * len(whiten)
         few = (student_quantile(0.975, freedom_of_runs) / student_quantile(0.975, 1e9)) ** 2
         factor = _scatter(by_run, settings)
         found["runs"] = factor * few if factor > 1 else 1.0
     name, factor = max(found.items(), key=lambda item: item[1])
     covariance = solution.covariance + max(0.0, factor - 1) * solution.noise_part
     return replace(solution, covariance=covariance, inflation={name: factor} if factor > 1 else {})
+
+
+def _whitening(noise: Array, covariance: Array, settings: FitSettings) -> Array:
+    """What makes the part of some parameters that is due to noise white, in the directions of which
+    the readings tell something, shape (d, p): beside what is known without them their noise is
+    nothing in the others, and what is left there is the curvature of the model.
+
+    Args:
+        noise: Covariance that is due to noise, shape (p, p).
+        covariance: The whole of it, shape (p, p).
+        settings: With what is something.
+    """
+    scale = 1 / np.sqrt(np.diag(covariance))
+    size = np.outer(scale, scale)
+    lower = np.linalg.cholesky(covariance * size + 1e-9 * np.eye(len(scale)))
+    half = np.linalg.solve(lower, noise * size)
+    share, directions = np.linalg.eigh(np.linalg.solve(lower, half.T))
+    told = share > settings.tells
+    found = np.linalg.solve(lower, np.diag(scale))
+    return np.asarray(directions[:, told].T @ found / np.sqrt(share[told])[:, None])
 
 
 def _scatter(moved: Array, settings: FitSettings) -> float:

@@ -183,6 +183,12 @@ class Posterior:
         own = self.experiment.load_of(run)
         return own is None or own is (self.load or self.experiment.loads[0])
 
+    @property
+    def of_its_runs(self) -> Experiment:
+        """The experiment of the runs that carried the load that it is seen from."""
+        loads = self.experiment.loads
+        return self.experiment.alone(self.load or loads[0]) if loads else self.experiment
+
     def of_load(self, load: Load) -> Posterior:
         """The same posterior with another load in place of the first: nothing is fitted again.
 

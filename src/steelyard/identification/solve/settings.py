@@ -80,6 +80,9 @@ class FitSettings:
     """By how much such a direction is held more firmly than the best known one."""
     significant: float = 0.95
     """Quantile of the chi-square within which a scatter of stretches or runs is chance."""
+    tells: float = 1e-4
+    """Part of what is known in a direction that readings must tell, so that their scatter there is
+    looked at: the noise of less is a hundredth of the 1-sigma, below the curvature of the model."""
 
     # Held motion
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from steelyard.estimates.estimate import plausible_sizes
 from steelyard.estimates.quantiles import chi2_tail
+from steelyard.experiment.unread import is_unread
 from steelyard.identification.known_body import EXACT
 from steelyard.identification.model.calibration_parameters import load_place
 from steelyard.identification.solve.posterior import Posterior
@@ -65,7 +66,8 @@ def known_values(posterior: Posterior) -> Iterator[KnownValue]:
         i = BODY_PARAMETERS.index(name)
         square = max(given, EXACT * size[i]) ** 2
         told = 1 - variance[i] / square
-        if told < _TOLD or (name == "mass" and posterior.experiment.mass_assumed):
+        # Without forces all but what is known of the mass is the same for any mass.
+        if told < _TOLD or (name == "mass" and is_unread(posterior.of_its_runs)):
             continue
         yield _apart(name, BODY_UNITS[i], (stated, square), (value[i], variance[i]))
     yield from _added_values(posterior)

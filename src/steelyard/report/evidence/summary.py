@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -92,6 +93,7 @@ def summarise(
     made: Made | None = None,
     *,
     with_evidence: bool = True,
+    truth_of_loads: Mapping[str, Inertia] | None = None,
 ) -> Summary:
     """Gather all that a report shows.
 
@@ -103,6 +105,7 @@ def summarise(
         suffix: What to add to the names of the methods, where others stand beside them.
         made: How the result was made; None: by this version, nothing else is known.
         with_evidence: Whether to gather what the numbers rest on, too.
+        truth_of_loads: Name -> what it really is, where there are several and that is known.
     """
     nominal = None if identification.nominal is None else identification.nominal.body_parameters
     true = None if truth is None else truth.body_parameters
@@ -123,7 +126,9 @@ def summarise(
             f"{title or identification.experiment}{_first_load(identification.estimate)}",
             tuple(columns),
         ),
-        loads=tuple(_each_load(identification.result, identification.estimate)),
+        loads=tuple(
+            _each_load(identification.result, identification.estimate, truth_of_loads or {})
+        ),
         runs=tuple(_each_run(identification)),
         statements=(
             *_statements(shown, result),
@@ -160,15 +165,22 @@ def _each_run(identification: Identification) -> Iterator[ParameterTable]:
             yield ParameterTable(f"{name}, each run alone", tuple(columns))
 
 
-def _each_load(name: str, estimate: Estimate) -> Iterator[ParameterTable]:
+def _each_load(
+    name: str, estimate: Estimate, truth: Mapping[str, Inertia]
+) -> Iterator[ParameterTable]:
     """What the loads are, and by what they differ, by one method."""
     if estimate.loads is None:
         return
+    true = {load: body.body_parameters for load, body in truth.items()}
+    for (a, before), (b, after) in combinations(truth.items(), 2):
+        more = after.parameters - before.parameters
+        if more[0]:
+            true[f"{b} - {a}"] = Inertia.from_parameters(more).body_parameters
     for title, found in (
         ("each load", estimate.loads.estimates),
         ("differences of loads", estimate.loads.differences),
     ):
-        columns = tuple(_estimated(load, each, None) for load, each in found.items())
+        columns = tuple(_estimated(load, each, true.get(load)) for load, each in found.items())
         if columns:
             yield ParameterTable(f"{title} by {name}", columns)
 

@@ -129,7 +129,7 @@ def finished(
             *_left_out(found),
         ),
     )
-    return up_to_mass(found.experiment, estimate)
+    return up_to_mass(found.of_its_runs, estimate)
 
 
 def _residuals(found: Posterior) -> dict[str, Any]:
