@@ -81,7 +81,10 @@ class Chunk:
         not, and steps ask for none of these.
         """
         own = in_one(self.rows, self.use, len(self.border))
-        return self._of([own], self.border[self.use])
+        if own.columns is None:
+            return self._of([own], self.border[self.use])
+        # Rows that follow no column of the border: the columns stay empty.
+        return self._of([own], np.zeros(0)).with_empty_border(self.border[self.use])
 
     @cached_property
     def whole(self) -> Linear:
