@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -180,6 +180,7 @@ def _experiment(form: ExperimentForm, robot: Robot, runs: tuple[Run, ...]) -> Ex
         instruments=form.instruments,
         runs=runs,
         known=loads[0].known if loads else _known(form.known),
+        mass_walk=_walk(form.known),
         loads=loads,
         uncertainty=form.uncertainty.of_robot,
         surroundings=form.surroundings,
@@ -200,7 +201,16 @@ def _known_points(form: KnownBodyForm | AddedBodyForm) -> dict[str, tuple[float,
         "mass": form.mass,
         **{f"c{axis}": entry for axis, entry in vars(form.center_of_gravity).items()},
     }
-    return {name: (entry.value, entry.sigma) for name, entry in entries.items() if entry}
+    return {
+        name: (entry.value, entry.sigma)
+        for name, entry in entries.items()
+        if entry and entry.value is not None
+    }
+
+
+def _walk(form: KnownBodyForm) -> float:
+    """Density of the random walk of the mass [kg/sqrt(s)]."""
+    return form.mass.walk if form.mass else 0.0
 
 
 def _check_names(form: ExperimentForm, document: YamlDocument) -> None:
@@ -269,8 +279,21 @@ def _are_on_a_line(points: Array) -> bool:
     return bool(spread[1] <= _ON_A_LINE * spread[0])
 
 
+def _bodies(form: ExperimentForm) -> Iterator[tuple[tuple[str, ...], KnownBodyForm]]:
+    """Where something is known of a body, and what."""
+    yield (), form.known
+    for name, load in form.loads.items():
+        yield ("loads", name), load.known
+
+
 def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
     """Refuse loads that are not there, what they cannot be, and runs that tell nothing of theirs."""
+    for key, body in _bodies(form) if form.loads else ():
+        if _walk(body):
+            raise document.error(
+                (*key, "known", "mass", "walk"),
+                "expected one body in all runs, found 'loads'; leave out one of the two",
+            )
     if form.loads and _known(form.known):
         raise document.error(
             ("known",),

@@ -15,7 +15,7 @@ from typing import Any, Literal
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
-from steelyard.experiment.form import RUN_KEYS, ExperimentForm, RunForm, StreamForm
+from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownMassForm, RunForm, StreamForm
 from steelyard.experiment.surroundings import DragForm, KnownForm
 from steelyard.instruments.base import Prior
 from steelyard.robot.file import RobotForm
@@ -32,6 +32,7 @@ _SHORT_FORMS: Mapping[type[BaseModel], Any] = {
         {"type": "null"},
     ],
     KnownForm: [{"type": "number", "description": "exact"}],
+    KnownMassForm: [{"type": "number", "description": "exact"}],
     DragForm: [{**_SIGMA, "description": "exact"}],
     StreamForm: [{"type": "string", "description": "Path of the log, relative to this file."}],
 }

@@ -156,6 +156,8 @@ def _bodies(experiment: Experiment) -> dict[str, Any]:
     """What is known beforehand of the body, or of each of several loads."""
     if not experiment.loads:
         known = _known(_stated(experiment))
+        if experiment.mass_walk:
+            known["mass"] = {**known.get("mass", {}), "walk": experiment.mass_walk}
         return {"known": known} if known else {}
     return {
         "loads": {
