@@ -4,10 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated import BODY, leaking, sound, walking
+from simulated import BODY, leaking, loaded, sound, walking
 
 from steelyard.errors import InputError
 from steelyard.identification.identify import default_methods, identify
+from steelyard.identification.methods.loads import drawn
+from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.recursive.follow import follow
 from steelyard.identification.recursive.grid import KnotGrid
 from steelyard.identification.recursive.outlook import seconds_until
@@ -98,13 +100,15 @@ def test_it_does_not_become_as_sure_as_one_likes(followed):
     assert last.instants[-1].time == followed.instants[-1].time
 
 
-def test_a_stream_says_the_same_as_the_recording(followed):
-    experiment = replace(run_out(), mass_walk=WALK)
+def streamed(experiment, lost=(0.0, 0.0)):
+    """What is said of a recording that arrives piece by piece, without what is lost."""
     (run,) = experiment.runs
     session = Session(replace(experiment, runs=()), run.name, run.sync)
-    records = []
     times = {name: experiment.common_time(run, name) for name in run.streams}
+    records = []
     for start in np.arange(0.0, LENGTH, 0.5):
+        if lost[0] <= start < lost[1]:
+            continue
         arrivals = []
         for name, stream in run.streams.items():
             a, b = np.searchsorted(times[name], [start, start + 0.5])
@@ -112,13 +116,42 @@ def test_a_stream_says_the_same_as_the_recording(followed):
                 arrivals.append(Arrival(name, part_of(stream, slice(int(a), int(b)))))
         session, new = session.taken(arrivals).advanced()
         records += new
+    return records, run.sync["cables"]
+
+
+def test_a_stream_says_the_same_as_the_recording(followed):
+    records, origin = streamed(replace(run_out(), mass_walk=WALK))
     last = records[-1]
     # Its beginning was longer, so that chunks end elsewhere.
-    at = [each.time + run.sync["cables"] for each in followed.instants]
+    at = [each.time + origin for each in followed.instants]
     mass = np.interp(last.time, at, [each.value[0] for each in followed.instants])
     sigma = np.interp(last.time, at, [each.covariance[0, 0] for each in followed.instants]) ** 0.5
     assert abs(last.value[0] - mass) < 0.5 * sigma
     assert last.deviation[0] == pytest.approx(sigma, rel=0.1)
+
+
+def test_after_a_gap_it_is_followed_again():
+    records, origin = streamed(replace(run_out(), mass_walk=WALK), lost=(7.0, 8.5))
+    times = np.array([each.time - origin for each in records])
+    assert np.diff(times).max() > 1.5
+    masses, sigmas = (
+        np.array([getattr(each, what)[0] for each in records]) for what in ("value", "deviation")
+    )
+    true = BODY.mass + np.interp(times, [4.0, 10.0], [0.0, -3.0])
+    assert np.abs((masses - true) / sigmas).max() < 3.5
+
+
+def test_a_payload_is_found_beside_a_walk():
+    *_, last = follow(replace(loaded(3, since=6.8), mass_walk=0.05))
+    (event,) = last.events
+    assert event.time == pytest.approx(6.8, abs=0.3)
+    assert abs(event.mass - 3.2) < 4 * event.sigma
+    found = drawn(Recursive().of, last.posterior)
+    assert found.verdict.accepted, found.verdict.reasons
+    gained = found.loads.differences["load 2 - load 1"]
+    assert abs(gained.value[0] - 3.2) < 4 * gained.standard_deviation[0]
+    # What walks in some seconds is not known of it.
+    assert gained.standard_deviation[0] > 0.05
 
 
 def test_a_gap_is_walked_through(followed):
