@@ -14,6 +14,8 @@ from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.two_step import TwoStep
+from steelyard.identification.model.settings import MOTION
+from steelyard.identification.solve.beginning import read, read_by
 from steelyard.identification.solve.bound import cramer_rao
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.instruments import Attitude, Length, Pose
@@ -286,6 +288,25 @@ def test_other_sets_of_instruments_are_honest(names):
     assert np.isfinite(estimate.value).sum() >= 7
     assert surprise(estimate) < LIMIT
     assert estimate.verdict.accepted, estimate.verdict.reasons
+
+
+def test_encoders_that_stand_still_tell_neither_their_noise_nor_their_time():
+    standing = with_values(
+        keeping(RECORDER(5, instruments=MORE), "cables", "imu", "tracker", "lengths"),
+        "lengths",
+        lambda time, values: (time, {"length": np.tile(values["length"][:1], (len(time), 1))}),
+    )
+    lengths = changed(standing.instruments["lengths"], noise=None)
+    standing = replace(standing, instruments={**standing.instruments, "lengths": lengths})
+    readings = read(standing, None, lambda *_: None)
+    (own,) = (r for r in readings.segments[0].readings if r.source == ("lengths", "length"))
+    # Else it would be that of rounding, and everything else would have to give way.
+    assert own.sigma == pytest.approx(MOTION.place_at_rest)
+    parameters = readings.calibration.calibration_parameters
+    moving = read_by(standing, parameters, readings.segments)
+    run = standing.runs[0].name
+    assert not moving[parameters.place("lengths", "delay", run)].any()
+    assert moving[parameters.place("tracker", "delay", run)].all()
 
 
 def test_several_runs_share_the_body():

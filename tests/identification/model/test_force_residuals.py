@@ -754,15 +754,15 @@ STRETCHING = {
 }
 
 
-def followed(found, **change):
-    """Tensions that lengths would follow, at the times of the forces."""
+def followed(found, later=0.0, **change):
+    """Tensions that lengths would follow, at the times of the forces or so much later."""
     lengths = replace(found.segment.readings[0], follows=True)
     segment = replace(found.segment, readings=(lengths,), **change)
     columns = 10 + np.arange(len(found.calibration_parameters))
     at = carried_tensions(
         found.experiment, segment, found.forces, found.calibration, columns, found.parameters, {}
     )
-    return at(found.balance().time)
+    return at(found.balance().time + later)
 
 
 @pytest.fixture(scope="module", params=STRETCHING)
@@ -774,6 +774,18 @@ def stretching(request):
 def test_tensions_that_lengths_follow_are_those_that_carry_the_body(stretching):
     found, at = stretching
     np.testing.assert_allclose(at.values, found.balance().carried)
+
+
+def test_beyond_the_forces_they_follow_nothing():
+    found = Case(force="winch end")
+    at, time = followed(found), found.balance().time
+    later = followed(found, later=0.1)
+    beyond = time + 0.1 > time[-1]
+    # Of lengths that are read after the last force, the motion there changes nothing.
+    np.testing.assert_allclose(later.values[beyond], np.tile(at.values[-1], (beyond.sum(), 1)))
+    for derivative in (later.by_state, later.by_rate, later.by_acceleration, later.by_border):
+        assert not derivative[beyond].any()
+    assert later.by_acceleration[~beyond].any()
 
 
 def test_they_follow_the_motion_as_differences_do(stretching):

@@ -5,7 +5,12 @@ import pytest
 from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
 
-from steelyard.identification.samples.segmentation import least_noise, scatter, started
+from steelyard.identification.samples.segmentation import (
+    least_noise,
+    scatter,
+    stands_still,
+    started,
+)
 from steelyard.smoothing import DEGREE, knots
 
 START, END, SPACING = 0.0, 10.0, 0.25
@@ -48,6 +53,22 @@ def test_noise_is_never_less_than_rounding():
     varied = smooth(TIME)
     assert scatter(TIME, varied, START, END, SPACING) >= least_noise(varied)
     assert least_noise(1e3 * varied) == pytest.approx(1e3 * least_noise(varied), rel=1e-6)
+
+
+def test_encoders_of_locked_winches_stand_still(rng):
+    values = np.tile([2.413, 3.0817], (400, 1))
+    assert stands_still(values)
+    flickering = values + 1e-4 * rng.integers(-1, 2, values.shape)
+    assert stands_still(flickering)
+    flickering[7] = np.nan
+    assert stands_still(flickering)
+
+
+def test_what_moves_in_one_channel_does_not_stand_still(rng):
+    values = np.tile([2.413, 3.0817], (400, 1))
+    values[:, 1] += np.round(np.linspace(0.0, 2e-3, 400), 4)
+    assert not stands_still(values)
+    assert not stands_still(2.413 + 1e-6 * rng.standard_normal((400, 1)))
 
 
 def test_a_spline_through_poses_goes_through_them():

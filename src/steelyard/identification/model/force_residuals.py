@@ -328,7 +328,8 @@ def _carried_of(
 
 
 def _interpolated(found: CarriedTensions, own: Array, times: Array) -> CarriedTensions:
-    """At other times, linearly; the ends go on.
+    """At other times, linearly; before the first and after the last they are as at these, and follow
+    nothing: what the motion does there does not change them.
 
     Readings that are more than the tensions have their noise in common: its variance counts as often
     as that.
@@ -336,18 +337,23 @@ def _interpolated(found: CarriedTensions, own: Array, times: Array) -> CarriedTe
     left = np.clip(np.searchsorted(own, times, side="right") - 1, 0, max(0, len(own) - 2))
     right = np.minimum(left + 1, len(own) - 1)
     step = np.where(right > left, own[right] - own[left], 1.0)
-    share = np.clip((times - own[left]) / step, 0.0, 1.0)
+    share = (times - own[left]) / step
+    inside = (share >= 0.0) & (share <= 1.0) | (len(own) == 1)
+    share = np.clip(share, 0.0, 1.0)
 
     def between(values: Array) -> Array:
         weight = share.reshape(-1, *([1] * (values.ndim - 1)))
         return np.asarray(values[left] * (1 - weight) + values[right] * weight)
 
+    def derivative(values: Array) -> Array:
+        return between(values) * inside.reshape(-1, *([1] * (values.ndim - 1)))
+
     return CarriedTensions(
         between(found.values),
-        between(found.by_state),
-        between(found.by_rate),
-        between(found.by_acceleration),
-        between(found.by_border),
+        derivative(found.by_state),
+        derivative(found.by_rate),
+        derivative(found.by_acceleration),
+        derivative(found.by_border),
         found.columns,
         between(found.variance) * max(1.0, len(times) / len(own)),
     )

@@ -42,6 +42,9 @@ from steelyard.robot.model import DIRECTIONS
 from steelyard.rotations import quaternions_of
 from steelyard.smoothing import DEGREE, Samples1D, fit, knots
 
+_FLICKER = 3
+"""Values that an encoder at rest may read: its count and those beside it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
@@ -103,6 +106,17 @@ def least_noise(values: Array, settings: MotionSettings = MOTION) -> float:
         + 1e-9 * np.nanmax(np.abs(flat))
         + 1e-12
     )
+
+
+def stands_still(values: Array) -> bool:
+    """Whether a quantity does nothing but flicker by its last digit, as the encoders of locked winches
+    do: it tells nothing of its noise.
+
+    Args:
+        values: Readings, shape (n, ...).
+    """
+    flat = values.reshape(len(values), -1)
+    return all(len(np.unique(own[np.isfinite(own)])) <= _FLICKER for own in flat.T)
 
 
 def started(
@@ -280,9 +294,9 @@ def _moving(
         coefficients = started(samples.time, pose, grid, first, last, spacing)
         readings = []
         for stream in streams:
-            use = (stream.common >= start - settings.margin / 2) & (
-                stream.common <= end + settings.margin / 2
-            )
+            # Where no force is read, nobody knows how far cables stretch.
+            margin = 0.0 if stream.needs_tension else settings.margin / 2
+            use = (stream.common >= start - margin) & (stream.common <= end + margin)
             if not use.any():
                 continue
             width = max(
@@ -295,6 +309,9 @@ def _moving(
             )
             least_seen = least_noise(stream.values[use], settings)
             least_stated = settings.finest_noise / settings.least_noise * least_seen
+            still = stands_still(stream.values[use])
+            if still:
+                least_seen = settings.at_rest(stream.unit) / settings.best_at_rest
             sigma = (
                 float(
                     np.hypot(
@@ -303,6 +320,8 @@ def _moving(
                     )
                 )
                 if stream.sigma
+                else settings.at_rest(stream.unit)
+                if still
                 else scatter(stream.common[use], stream.values[use], start, end, width, settings)
             )
             least[stream.source] = min(least.get(stream.source, np.inf), least_seen)
@@ -382,6 +401,7 @@ class _MotionStream:
     """Common time [s]."""
     values: Array
     sigma: float | None
+    unit: str
     order: int
     """Highest derivative of the motion that it reads."""
     determines: tuple[Part, ...]
@@ -448,6 +468,7 @@ def _streams(
                 common[use],
                 values[use],
                 sigma,
+                quantity.unit,
                 order_of(instrument, quantity.name, experiment.robot),
                 quantity.determines,
                 looks_at_cables,

@@ -36,7 +36,7 @@ from steelyard.identification.samples.first_motion import (
     with_first_motion,
 )
 from steelyard.identification.samples.preparation import Samples, prepare, with_every_cable
-from steelyard.identification.samples.segmentation import Recorded, recorded
+from steelyard.identification.samples.segmentation import Recorded, recorded, stands_still
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.disturbances import too_large, with_disturbances
@@ -239,7 +239,8 @@ def with_body(
     size = plausible_radius(experiment.robot)
     task = replace(
         begun.task,
-        active=begun.task.calibration_parameters.deviation > 0,
+        active=(begun.task.calibration_parameters.deviation > 0)
+        & ~_untimed(experiment, begun.task.calibration_parameters, readings.segments),
         sizes=plausible(parameters, size),
         known=lambda at: _known_bodies(experiment, at, size),
     )
@@ -383,7 +384,34 @@ def read_by(
                     calibration_parameters.place(clock_of(experiment, name), "delay", segment.run)
                 ] = True
     active[calibration_parameters.places[ROBOT, "gravity", None]] = True
-    return active & (calibration_parameters.deviation > 0)
+    untimed = _untimed(experiment, calibration_parameters, segments)
+    return active & (calibration_parameters.deviation > 0) & ~untimed
+
+
+def _untimed(
+    experiment: Experiment,
+    calibration_parameters: CalibrationParameters,
+    segments: Sequence[Segment],
+) -> NDArray[np.bool_]:
+    """Delays of clocks by which nothing moves, as that of the encoders of locked winches, shape (u,):
+    no reading tells them, and what is left of the readings would be taken for a delay.
+    """
+    timed: dict[tuple[str, str], bool] = {}
+    for segment in segments:
+        if segment.static:
+            continue
+        run = next(each for each in experiment.runs if each.name == segment.run)
+        force = experiment.force_instrument(run)
+        if force is not None:
+            timed[segment.run, clock_of(experiment, force)] = True
+        for reading in segment.readings:
+            place = segment.run, clock_of(experiment, reading.source[0])
+            timed[place] = timed.get(place, False) or not stands_still(reading.values)
+    found = np.zeros(len(calibration_parameters), dtype=bool)
+    for (name, clock), moves in timed.items():
+        if not moves:
+            found[calibration_parameters.place(clock, "delay", name)] = True
+    return found
 
 
 def stated_noise(experiment: Experiment) -> frozenset[Source]:
