@@ -126,6 +126,40 @@ class Loaded:
         return replace(state, tension=state.tension + loaded.tension - empty.tension)
 
 
+@dataclass(frozen=True)
+class Leaking:
+    """The same motion with a mass at the centre of gravity that comes and goes."""
+
+    response: object
+    times: np.ndarray
+    masses: np.ndarray
+    """What the body weighs more at these times [kg]."""
+
+    @property
+    def duration(self):
+        return self.response.duration
+
+    def at(self, times):
+        state = self.response.at(times)
+        c = BODY.center_of_gravity
+        # Newton's law of a point that moves with the platform.
+        turned = np.cross(state.alpha, c) + np.cross(state.omega, np.cross(state.omega, c))
+        mass = np.interp(times, self.times, self.masses)
+        force = mass[:, None] * (state.specific_force + turned)
+        wrench = np.hstack([force, np.cross(c, force)])
+        more, none = with_tension(state, wrench), with_tension(state, 0 * wrench)
+        return replace(state, tension=state.tension + more.tension - none.tension)
+
+
+def walking(seed, walk, duration):
+    """Times [s] and a mass that walks at random along them [kg]."""
+    rng = np.random.default_rng(seed)
+    step = 0.01
+    times = np.arange(0.0, duration + 1.0, step)
+    steps = walk * np.sqrt(step) * rng.standard_normal(len(times) - 1)
+    return times, np.concatenate([[0.0], np.cumsum(steps)])
+
+
 @dataclass
 class Recorder:
     """One motion; by default that of CoGiRo's own platform on elastic cables without weight."""
@@ -173,6 +207,13 @@ def loaded(seed, **keys):
     mass = keys.pop("mass", 3.2)
     recorder = replace(RECORDER)
     recorder.__dict__["response"] = Loaded(RECORDER.response, payload(mass), **keys)
+    return recorder(seed)
+
+
+def leaking(seed, times, masses):
+    """A recording of a body that weighs more or less with time."""
+    recorder = replace(RECORDER)
+    recorder.__dict__["response"] = Leaking(RECORDER.response, times, masses)
     return recorder(seed)
 
 

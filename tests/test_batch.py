@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from steelyard.batch import Batched
+from steelyard.batch import Batched, jacobians
 
 ROUNDING = 1e-13  # a few additions and products of numbers near one
 
@@ -151,3 +151,24 @@ def test_another_process_computes_the_same():
     there = pickle.loads(pickle.dumps(function))(**given)
     for name, value in here.items():
         np.testing.assert_array_equal(there[name], value)
+
+
+def test_derivatives_by_several_columns_are_central_differences():
+    x, y, unused = ca.SX.sym("x", 3), ca.SX.sym("y", 2), ca.SX.sym("unused", 4)
+    shared = ca.sin(ca.dot(x, x) * y[0])
+    column = ca.vertcat(shared * x, y[1] / (1 + shared**2))
+    found = jacobians(column, {"by_x": x, "by_y": y, "by_unused": unused})
+    assert found["by_unused"].shape == (4, 4)
+    assert found["by_unused"].nnz() == 0
+    value = ca.Function("value", [x, y], [column])
+    derivative = ca.Function("derivative", [x, y], [found["by_x"], found["by_y"]])
+    at, step = np.array([0.3, -0.7, 0.5, 0.9, -0.4]), 1e-6
+    differences = [
+        np.array(value(*np.split(at + d, [3])) - value(*np.split(at - d, [3]))) / (2 * step)
+        for d in step * np.eye(5)
+    ]
+    np.testing.assert_allclose(
+        np.hstack([np.array(each) for each in derivative(*np.split(at, [3]))]),
+        np.hstack(differences),
+        atol=1e-9,
+    )

@@ -41,10 +41,34 @@ class KnownInertiaForm(FileModel):
     xy: KnownForm | None = None
 
 
+class KnownMassForm(FileModel):
+    """A mass known beforehand, or one that changes slowly; a bare number is exact."""
+
+    value: float | None = None
+    """[kg]; of one that changes that at the beginning."""
+    sigma: NotNegative = 0.0
+    """[kg]"""
+    walk: NotNegative = 0.0
+    """Random walk of what runs out or in [kg/sqrt(s)], for the method recursive and for watch."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _number(cls, value: Any) -> Any:
+        """A bare number is the value; a mapping says that, or how it walks."""
+        if not isinstance(value, dict):
+            return {"value": value}
+        if value.get("value") is None and ("sigma" in value or "walk" not in value):
+            raise ValueError(
+                "expected the key 'value' [kg], or 'walk' [kg/sqrt(s)] alone, found"
+                f" {', '.join(map(str, value)) or 'nothing'}; add it"
+            )
+        return value
+
+
 class KnownBodyForm(FileModel):
     """What is known beforehand about the body."""
 
-    mass: KnownForm | None = None
+    mass: KnownMassForm | None = None
     """[kg]"""
     center_of_gravity: KnownVectorForm = KnownVectorForm()
     """Platform frame [m]."""

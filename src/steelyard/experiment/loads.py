@@ -14,6 +14,8 @@ from steelyard.yaml_file import YamlDocument
 
 _NAME = re.compile(r"\w[\w \-]*")
 """Names of loads: they stand behind '#' and in names of differences."""
+NO_WALK = "expected one body in all runs, found 'loads'; leave out one of the two"
+"""Where a mass walks and there are several."""
 
 
 def loads_of_forms(forms: Mapping[str, LoadForm], platform: Inertia | None) -> tuple[Load, ...]:
@@ -51,7 +53,16 @@ def _known_points(form: KnownBodyForm | AddedBodyForm) -> dict[str, tuple[float,
         "mass": form.mass,
         **{f"c{axis}": entry for axis, entry in vars(form.center_of_gravity).items()},
     }
-    return {name: (entry.value, entry.sigma) for name, entry in entries.items() if entry}
+    return {
+        name: (entry.value, entry.sigma)
+        for name, entry in entries.items()
+        if entry and entry.value is not None
+    }
+
+
+def mass_walk(form: KnownBodyForm) -> float:
+    """Density of the random walk of the mass [kg/sqrt(s)]."""
+    return form.mass.walk if form.mass else 0.0
 
 
 def check_loads(forms: Mapping[str, LoadForm], document: YamlDocument) -> None:
@@ -61,6 +72,8 @@ def check_loads(forms: Mapping[str, LoadForm], document: YamlDocument) -> None:
         InputError: There is one.
     """
     for name, each in forms.items():
+        if mass_walk(each.known):
+            raise document.error(("loads", name, "known", "mass", "walk"), NO_WALK)
         if not _NAME.fullmatch(name):
             raise document.error(
                 ("loads", name),

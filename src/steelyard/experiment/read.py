@@ -22,7 +22,13 @@ from steelyard.experiment.form import (
     PlanForm,
     RunForm,
 )
-from steelyard.experiment.loads import check_loads, known_values, loads_of_forms
+from steelyard.experiment.loads import (
+    NO_WALK,
+    check_loads,
+    known_values,
+    loads_of_forms,
+    mass_walk,
+)
 from steelyard.experiment.model import Datum, Experiment, Fault, Run
 from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
 from steelyard.experiment.tables.dead_weights import with_weights_apart
@@ -183,6 +189,7 @@ def _experiment(form: ExperimentForm, robot: Robot, runs: tuple[Run, ...]) -> Ex
         instruments=form.instruments,
         runs=runs,
         known=loads[0].known if loads else known_values(form.known),
+        mass_walk=mass_walk(form.known),
         loads=loads,
         uncertainty=form.uncertainty.of_robot,
         surroundings=form.surroundings,
@@ -258,6 +265,8 @@ def _are_on_a_line(points: Array) -> bool:
 
 def _check_loads(form: ExperimentForm, document: YamlDocument) -> None:
     """Refuse loads that are not there, what they cannot be, and runs that tell nothing of theirs."""
+    if form.loads and mass_walk(form.known):
+        raise document.error(("known", "mass", "walk"), NO_WALK)
     if form.loads and known_values(form.known):
         raise document.error(
             ("known",),

@@ -4,16 +4,22 @@ the readers check.
 
 from __future__ import annotations
 
+import ast
+import inspect
+import textwrap
 from collections.abc import Mapping
+from functools import cache
+from itertools import pairwise
 from typing import Any, Literal
 
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
-from steelyard.experiment.form import RUN_KEYS, ExperimentForm, RunForm, StreamForm
+from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownMassForm, RunForm, StreamForm
 from steelyard.experiment.surroundings import DragForm, KnownForm
 from steelyard.instruments.base import Prior
 from steelyard.robot.file import RobotForm
+from steelyard.yaml_file import FileModel
 
 Which = Literal["experiment", "robot"]
 _ROOTS: Mapping[Which, type[BaseModel]] = {"experiment": ExperimentForm, "robot": RobotForm}
@@ -26,6 +32,7 @@ _SHORT_FORMS: Mapping[type[BaseModel], Any] = {
         {"type": "null"},
     ],
     KnownForm: [{"type": "number", "description": "exact"}],
+    KnownMassForm: [{"type": "number", "description": "exact"}],
     DragForm: [{**_SIGMA, "description": "exact"}],
     StreamForm: [{"type": "string", "description": "Path of the log, relative to this file."}],
 }
@@ -105,8 +112,7 @@ def _describe(model: type[BaseModel], part: dict[str, Any]) -> None:
         entry.pop("description", None)
         field = model.model_fields.get(name)
         # A class that narrows the type of a field leaves its description to the one above.
-        above = [each.model_fields.get(name) for each in forms]
-        described = [each.description for each in above if each and each.description]
+        described = [text for each in forms if (text := _docstrings(each).get(name))]
         words = [_one_line(described[0])] if described else []
         default = _plain_default(field.default) if field else None
         if default is not None:
@@ -115,6 +121,25 @@ def _describe(model: type[BaseModel], part: dict[str, Any]) -> None:
             entry["description"] = ". ".join(word.rstrip(".") for word in words) + (
                 "." if default or words[0][-1] == "." else ""
             )
+
+
+@cache
+def _docstrings(model: type[BaseModel]) -> Mapping[str, str]:
+    """What stands under the fields of a form in its own code, by name.
+
+    Read here, not by pydantic as each form is made: most commands draw no schema.
+    """
+    if issubclass(FileModel, model):
+        return {}
+    (form,) = ast.parse(textwrap.dedent(inspect.getsource(model))).body
+    assert isinstance(form, ast.ClassDef)
+    return {
+        field.target.id: inspect.cleandoc(text.value.value)
+        for field, text in pairwise(form.body)
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
+        if isinstance(text.value.value, str)
+    }
 
 
 def _plain_default(value: Any) -> str | None:

@@ -159,6 +159,8 @@ def _bodies(experiment: Experiment) -> dict[str, Any]:
     """What is known beforehand of the body, or of each of several loads."""
     if not experiment.loads:
         known = _known(_stated(experiment.known, mass_assumed=experiment.mass_assumed))
+        if experiment.mass_walk:
+            known["mass"] = {**known.get("mass", {}), "walk": experiment.mass_walk}
         return {"known": known} if known else {}
     first, *further = experiment.loads
     # A mass is assumed of the first load alone.

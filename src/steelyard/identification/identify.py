@@ -232,10 +232,13 @@ def identify(
     methods = [methods] if isinstance(methods, str) or callable(methods) else methods
     holdout = [holdout] if isinstance(holdout, str) else holdout
     chosen = chosen_methods(methods or default_methods(experiment), ready)
-    if ALL in methods:
+    if ALL in methods and experiment.mass_walk:
+        chosen = [each for each in chosen if each.name == Recursive.name]
+    elif ALL in methods:
         chosen = [each for each in chosen if not (each.is_baseline and each.lack(experiment))]
         if not experiment.runs:
             chosen = [each for each in chosen if each.name == MaximumLikelihood.name]
+    _check_walk(experiment, chosen)
     names = [run.name for run in experiment.runs]
     if holdout and not names:
         raise InputError(
@@ -302,6 +305,20 @@ def identify(
         used,
         posterior,
     )
+
+
+def _check_walk(experiment: Experiment, methods: Sequence[Method]) -> None:
+    """Refuse methods for which a mass that walks stays as it is.
+
+    Raises:
+        InputError: One is among them.
+    """
+    others = [each.name for each in methods if each.name != Recursive.name]
+    if experiment.mass_walk and others:
+        raise InputError(
+            f"--method: expected {Recursive.name}, which alone follows the mass that walks as"
+            f" 'known: mass: walk' says, found {others[0]}; choose it, or leave 'walk' out"
+        )
 
 
 def _shares(progress: Progress, methods: Sequence[Method], *, holdout: bool) -> list[Progress]:
@@ -398,6 +415,8 @@ def default_methods(experiment: Experiment) -> tuple[str, ...]:
     """
     if not experiment.runs:
         return (MaximumLikelihood.name,)
+    if experiment.mass_walk:
+        return (Recursive.name,)
     baseline = ForceFree.name if is_unread(experiment) else TwoStep.name
     return (baseline, MaximumLikelihood.name)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from steelyard import rotations
 from steelyard.arrays import Array
-from steelyard.batch import Batched, Symbol
+from steelyard.batch import Batched, Symbol, jacobians
 from steelyard.errors import InputError
 from steelyard.instruments.base import Instrument, Term
 from steelyard.motion.state import State, state_of_pose, symbols
@@ -196,13 +196,23 @@ def _parts(state: State) -> dict[str, Symbol]:
     return {name: symbol for name, symbol in found.items() if symbol is not None}
 
 
+def _taken(expression: Symbol, behind: Mapping[str, Symbol]) -> dict[str, Symbol]:
+    """Those of some symbols that stand in an expression; it is walked through once for all."""
+    there = {each.element_hash() for each in ca.symvar(expression)}
+    return {
+        name: symbol
+        for name, symbol in behind.items()
+        if any(each.element_hash() in there for each in ca.symvar(symbol))
+    }
+
+
 def _expression(expression: Symbol, state: State, terms: Mapping[str, Symbol]) -> _Expression:
     dense = ca.densify(expression)
     behind = {
         **{f"term_{key}": symbol for key, symbol in terms.items()},
         **_parts(state),
     }
-    inputs = {key: s for key, s in behind.items() if s.numel() and ca.depends_on(dense, ca.vec(s))}
+    inputs = _taken(dense, behind)
     return _Expression(Batched("part", inputs, {"value": dense}), tuple(inputs))
 
 
@@ -326,18 +336,18 @@ def difference_of(
     residual = (
         rotations.log(predicted.T @ measured) if predicted.shape == (3, 3) else measured - predicted
     )
-    derivatives = {
-        name: ca.jacobian(residual, symbol)
-        for name, symbol in (
-            ("by_pose", pose),
-            ("by_rate", rate),
-            ("by_acceleration", acceleration),
-            ("by_errors", errors),
-            ("by_gravity", gravity),
-            ("by_tension", tension),
-            *((f"by_{key}", each) for key, each in fixed.items()),
-        )
-    }
+    derivatives = jacobians(
+        residual,
+        {
+            "by_pose": pose,
+            "by_rate": rate,
+            "by_acceleration": acceleration,
+            "by_errors": errors,
+            "by_gravity": gravity,
+            "by_tension": tension,
+            **{f"by_{key}": each for key, each in fixed.items()},
+        },
+    )
     inputs = {
         "pose": pose,
         "rate": rate,
@@ -511,8 +521,7 @@ def sensitivity_of(
         **{f"term_{key}": symbol for key, symbol in terms.items()},
         **_parts(state),
     }
-    everything = ca.veccat(*outputs.values())
-    inputs = {k: s for k, s in behind.items() if s.numel() and ca.depends_on(everything, ca.vec(s))}
+    inputs = _taken(ca.veccat(*outputs.values()), behind)
     return Batched("sensitivity", inputs, outputs), list(inputs)
 
 

@@ -126,10 +126,24 @@ def by_length(cable: CableSpec, point: Symbol, fed: Symbol) -> CableShape:
 
 def _straight(cable: CableSpec, point: Symbol) -> tuple[Symbol, Symbol, Symbol]:
     """Wrap angle, leave point and free length of a straight cable."""
-    roller = pulley.swivel(cable.anchor, ca.SX(cable.axis), cable.radius, point)
-    wrap = pulley.straight_wrap(roller, point) if cable.rolls else ca.SX(0)
-    leave = pulley.leave_point(roller, wrap) if cable.rolls else cable.anchor
-    return wrap, leave, ca.norm_2(leave - point)
+    if not cable.rolls:
+        return ca.SX(0), cable.anchor, ca.norm_2(cable.anchor - point)
+    arguments = [ca.SX(a) for a in (cable.anchor, cable.axis, cable.radius, point)]
+    wrap, leave, chord = _rolled().call(arguments, True, False)
+    return wrap, leave, chord
+
+
+@lru_cache(maxsize=1)
+def _rolled() -> Symbol:
+    """Function of a roller and an attachment: :func:`_straight`; see :func:`_solution`."""
+    anchor, axis, point = (ca.SX.sym(name, 3) for name in ("anchor", "axis", "point"))
+    radius: Symbol = ca.SX.sym("radius")
+    roller = pulley.swivel(anchor, axis, radius, point)
+    wrap = pulley.straight_wrap(roller, point)
+    leave = pulley.leave_point(roller, wrap)
+    return ca.Function(
+        "rolled", [anchor, axis, radius, point], [wrap, leave, ca.norm_2(leave - point)]
+    )
 
 
 _Given = Literal["tension", "length"]

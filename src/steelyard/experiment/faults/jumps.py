@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter, percentile_filter
 
 from steelyard.arrays import Array
+from steelyard.experiment.faults.running import running_percentile
 
 
 @dataclass(frozen=True)
@@ -96,13 +96,13 @@ def _pairs(time: Array, values: Array, settings: JumpSettings) -> Iterator[tuple
 def _unusual(values: Array, settings: JumpSettings) -> Array:
     """Changes from one sample to the next, but for what the motion does, shape (n - 1, 3)."""
     changes = np.diff(values, axis=0)
-    return np.asarray(changes - median_filter(changes, size=(settings.straight, 1), mode="nearest"))
+    return np.asarray(changes - running_percentile(changes, settings.straight, 50))
 
 
 def _edges(time: Array, changes: Array, settings: JumpSettings) -> NDArray[np.intp]:
     """Samples after which the place jumps."""
     size = np.abs(changes)
-    usual = percentile_filter(size, settings.usual, size=(settings.around, 1), mode="nearest")
+    usual = running_percentile(size, settings.around, settings.usual)
     smallest = 1e-12 * float(np.max(size, initial=0.0))
     far = np.any(size > settings.edge * np.maximum(usual, smallest), axis=1) & np.any(
         size > 0, axis=1

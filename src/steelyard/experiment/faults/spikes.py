@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import percentile_filter
 
 from steelyard.arrays import Array
 from steelyard.experiment.faults.of_streams import channels
+from steelyard.experiment.faults.running import running_percentile
 from steelyard.experiment.model import Fault, Stream
 from steelyard.instruments import Instrument
 
@@ -74,10 +74,9 @@ def spikes(time: Array, values: Array, settings: SpikeSettings = SPIKES) -> NDAr
     candidates = np.flatnonzero(distance > settings.far * max(float(np.median(distance)), smallest))
     if not len(candidates):
         return found
-    usual = percentile_filter(distance, settings.usual, size=settings.around, mode="nearest")
-    for i in candidates.tolist():
-        if distance[i] <= settings.far * max(float(usual[i]), smallest):
-            continue
+    usual = running_percentile(distance, settings.around, settings.usual, candidates)
+    far = distance[candidates] > settings.far * np.maximum(usual, smallest)
+    for i in candidates[far].tolist():
         first = max(i - _BESIDE, 0)
         beside = x[first : i + _BESIDE + 1].copy()
         # As it would be without it.

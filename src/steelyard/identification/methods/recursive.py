@@ -9,7 +9,6 @@ from steelyard.estimates.estimate import Estimate
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.consistent import Consistent
 from steelyard.identification.methods.method import Fit, PosteriorMethod
-from steelyard.identification.recursive.follow import follow
 from steelyard.identification.recursive.settings import RECURSIVE, RecursiveSettings
 from steelyard.identification.solve.conclusion import sound
 from steelyard.identification.solve.posterior import Posterior, Progress
@@ -25,6 +24,7 @@ class AsItArrives:
 
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Posterior:
         """Posterior of an experiment; raises as :func:`.follow` does."""
+        from steelyard.identification.recursive.follow import follow
 
         def tell(what: str, fraction: float) -> None:
             if progress is not None:

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.batch import Batched, Symbol
+from steelyard.batch import Batched, Symbol, jacobians
 from steelyard.dynamics import newton_euler
 from steelyard.identification.model.calibration_parameters import (
     AIR,
@@ -166,12 +166,10 @@ def derivatives_of_balance(heavy: Robot, hoses: int = 0, swivels: int = 0) -> Ba
     by = body._asdict()
     if robot.m:
         by |= {"anchor": ca.vec(fixed.anchors), "attachment": ca.vec(fixed.attachments)}
-    outputs = {f"by_{key}": ca.jacobian(wrench, each) for key, each in by.items()}
+    outputs = {f"by_{key}": each for key, each in jacobians(wrench, by).items()}
     for key in ("rate", "swivel"):
         outputs[f"by_{key}"] += ca.jacobian(body.rubbing(robot), by[key])
-    # Derivatives by many things have much in common.
-    shared = ca.cse([ca.densify(each) for each in outputs.values()])
-    outputs = dict(zip(outputs, shared, strict=True))
+    outputs = {name: ca.densify(each) for name, each in outputs.items()}
     if not robot.m:
         return Batched("derivatives", body._asdict(), outputs)
     return _batched("derivatives", {**body._asdict(), "tension": tension}, fixed, outputs)

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.errors import InfeasibleError
+from steelyard.errors import InfeasibleError, InputError
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.recursive.arrivals import Likeness
 from steelyard.identification.recursive.events import advanced
@@ -46,6 +46,7 @@ def begin(
         InputError: The run lacks what the fit needs.
         NoBalanceError: Forces and motion cannot be fitted.
     """
+    check_walk(experiment)
     run = next(each for each in experiment.runs if not each.static)
     start, end = span_of(experiment, run)
     length = own.begin
@@ -56,6 +57,20 @@ def begin(
             break
         length *= own.longer
     return at_beginning(found, found.like)
+
+
+def check_walk(experiment: Experiment) -> None:
+    """Refuse a mass that walks between recordings: nothing tells how long that took.
+
+    Raises:
+        InputError: It does.
+    """
+    names = [f"'{each.name}'" for each in experiment.runs]
+    if experiment.mass_walk and len(names) > 1:
+        raise InputError(
+            "known: mass: walk: expected one run, in motion, since the time from one to the next is"
+            f" not recorded, found {', '.join(names)}; use one of them (--run)"
+        )
 
 
 def _begun(

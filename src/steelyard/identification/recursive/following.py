@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InfeasibleError
+from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import basis, values_at
@@ -25,6 +27,7 @@ from steelyard.identification.recursive.parts import (
     with_further,
 )
 from steelyard.identification.recursive.recursion import Recursion, Window
+from steelyard.identification.recursive.walk import as_in_the_end, by_mass
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.beginning import (
     NoBalanceError,
@@ -35,7 +38,7 @@ from steelyard.identification.solve.beginning import (
 from steelyard.identification.solve.conclusion import Fitted, FittedStretch, concluded
 from steelyard.identification.solve.long_recording import span_of
 from steelyard.identification.solve.noise_levels import ratios_of
-from steelyard.identification.solve.posterior import Posterior
+from steelyard.identification.solve.posterior import Posterior, prior_of
 from steelyard.identification.solve.segment_equations import SegmentEquations
 from steelyard.inertia import Inertia, body_jacobian
 from steelyard.smoothing import DEGREE
@@ -254,6 +257,8 @@ class Following:
         fitted, recursion = self.begun, self.recursion
         here = recursion.state.calibration.values
         parts = [counted_from(part, -here) for part in motions_of(self.parts)]
+        if recursion.task.experiment.mass_walk and parts:
+            parts[-1] = self._about_the_end(parts)
         tally, spent = counted_up(parts)
         state = replace(recursion.state, segments=tuple(part.segment for part in parts))
         fit = replace(
@@ -266,7 +271,9 @@ class Following:
             converged=fitted.fit.converged and not recursion.unsettled,
         )
         forces = tuple(part.force_samples for part in parts)
-        whole = replace(fitted, task=recursion.task, fit=fit, force_samples=forces)
+        notes = (*fitted.lost, *_of_walk(recursion.task.experiment.mass_walk))
+        task = replace(recursion.task, experiment=_forgotten(recursion.task.experiment))
+        whole = replace(fitted, task=task, fit=fit, force_samples=forces, lost=notes)
         readings = Readings(
             self.experiment,
             recursion.state.calibration,
@@ -276,6 +283,23 @@ class Following:
             recursion.task.settings,
         )
         return concluded([FittedStretch(readings, whole, tuple(parts))], courses=courses)
+
+    def _about_the_end(self, parts: Sequence[SegmentEquations]) -> SegmentEquations:
+        """The last of all parts, with what makes of their masses the last one.
+
+        Args:
+            parts: With calibration parameters counted from where they are.
+        """
+        recursion, state = self.recursion, self.recursion.state
+        assert state.parameters is not None
+        experiment = _forgotten(recursion.task.experiment)
+        radius = plausible_radius(experiment.robot)
+        prior = prior_of(experiment, state.calibration, state.parameters, radius)
+        told = recursion.relative(recursion.told)
+        end = replace(told, normal=told.normal - prior.precision, right=told.right - prior.pull)
+        own = [each.equations for each in parts]
+        further = as_in_the_end(own, end, by_mass(recursion.point))
+        return replace(parts[-1], equations=parts[-1].equations + further)
 
 
 def at_beginning(found: Following, like: Likeness) -> Following:
@@ -292,9 +316,33 @@ def at_beginning(found: Following, like: Likeness) -> Following:
     read_at = [float(each.time[0]) for each in segment.readings]
     start = max(first, min(read_at))
     grid = KnotGrid(start, spacing, intervals, segment.block)
-    window = Window(grid, segment)
-    recursion = replace(found.recursion, window=window)
+    last = found.instants[-1].time if found.instants else start
+    recursion = found.recursion.started(Window(grid, segment), start - last)
     return replace(found, like=like, recursion=recursion, first=_on_grid(segment, grid), number=0)
+
+
+def _forgotten(experiment: Experiment) -> Experiment:
+    """An experiment without what was known of a mass that has walked since: it is part of what is told
+    of the last one.
+    """
+    if not experiment.mass_walk:
+        return experiment
+    loads = tuple(replace(each, known=_without_mass(each.known)) for each in experiment.loads)
+    return replace(experiment, known=_without_mass(experiment.known), loads=loads)
+
+
+def _without_mass(known: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+    """What is known of a body but its mass."""
+    return {name: each for name, each in known.items() if name != "mass"}
+
+
+def _of_walk(walk: float) -> Iterator[str]:
+    """What a reader should know of a mass that walks."""
+    if walk:
+        yield (
+            f"the mass walks at random by {walk:g} kg/sqrt(s), as stated: it is that at the end; what"
+            " comes and goes is taken to be at the centre of gravity"
+        )
 
 
 def spacing_of(segment: Segment) -> float:

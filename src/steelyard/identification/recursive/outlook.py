@@ -51,10 +51,14 @@ def seconds_until(following: Following, wanted: Mapping[str, float]) -> dict[str
     pick = following.recursion.picked(run)
     rows = body_jacobian(linear) @ pick[:, use] * sizes
     parts = (solve_triangular(root, rows.T, lower=True).T @ vectors) ** 2
-    return {
+    found = {
         name: _until(parts[BODY_PARAMETERS.index(name)], growth, sigma)
         for name, sigma in wanted.items()
     }
+    if following.window.walk and found.get("mass"):
+        # It is forgotten as it is told.
+        found["mass"] = None
+    return found
 
 
 def _until(parts: Array, growth: Array, sigma: float) -> float | None:

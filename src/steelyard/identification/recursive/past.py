@@ -70,6 +70,21 @@ class Linear:
         )
         return Linear(narrow, Point(self.at.motion, self.at.border[use]))
 
+    def with_empty_border(self, border: Array) -> Linear:
+        """Equations without a border as those of one that they say nothing about.
+
+        Args:
+            border: Its values, shape (e,).
+        """
+        own, count = self.equations, len(border)
+        whole = replace(
+            own,
+            side=np.zeros((own.band.shape[1], count)),
+            corner=np.zeros((count, count)),
+            border_gradient=np.zeros(count),
+        )
+        return Linear(whole, Point(self.at.motion, border))
+
 
 def in_one(rows: Sequence[Rows], use: NDArray[np.intp], border: int) -> Rows:
     """All rows of a short stretch of the motion together, number by number, with derivatives by some
@@ -79,11 +94,15 @@ def in_one(rows: Sequence[Rows], use: NDArray[np.intp], border: int) -> Rows:
         rows: As they are.
         use: Which columns, shape (e,).
         border: Columns k.
+
+    Returns:
+        Without columns where no row follows any.
     """
     place = np.full(border, -1, dtype=np.intp)
     place[use] = np.arange(len(use))
     counts = [each.residual.size for each in rows]
-    by_errors = np.zeros((sum(counts), 1, len(use)))
+    held = all(each.columns is not None and not len(each.columns) for each in rows)
+    by_errors = np.zeros((sum(counts), 1, 0 if held else len(use)))
     start = 0
     for each, count in zip(rows, counts, strict=True):
         columns = place if each.columns is None else place[each.columns]
@@ -97,6 +116,7 @@ def in_one(rows: Sequence[Rows], use: NDArray[np.intp], border: int) -> Rows:
         np.concatenate([each.residual.reshape(-1, 1) for each in rows]),
         np.concatenate([each.by_motion.reshape(-1, 1, each.by_motion.shape[2]) for each in rows]),
         by_errors,
+        np.zeros(0, dtype=np.intp) if held else None,
     )
 
 

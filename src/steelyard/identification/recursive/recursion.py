@@ -35,6 +35,16 @@ from steelyard.identification.recursive.past import (
     together,
 )
 from steelyard.identification.recursive.settings import RECURSIVE, RecursiveSettings
+from steelyard.identification.recursive.walk import (
+    a_step_later,
+    blind_to_mass,
+    by_mass,
+    settled_steps,
+    steps_of,
+    with_known_steps,
+    with_steps,
+    without_columns,
+)
 from steelyard.identification.solve.fit_state import FitState, Task
 from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.normal_equations import (
@@ -62,6 +72,10 @@ _WIDE = 1e4
 the same."""
 
 
+_TO_THE_END = 1 / 3
+"""Variance of a walk from its mean over a chunk to its end, in that of a step."""
+
+
 @dataclass(frozen=True, eq=False)
 class Chunk:
     """Readings of a short stretch of the motion."""
@@ -81,7 +95,10 @@ class Chunk:
         not, and steps ask for none of these.
         """
         own = in_one(self.rows, self.use, len(self.border))
-        return self._of([own], self.border[self.use])
+        if own.columns is None:
+            return self._of([own], self.border[self.use])
+        # Rows that follow no column of the border: the columns stay empty.
+        return self._of([own], np.zeros(0)).with_empty_border(self.border[self.use])
 
     @cached_property
     def whole(self) -> Linear:
@@ -110,6 +127,27 @@ class Window:
     """What remains of the chunks before it."""
     lively: Liveliness | None = None
     """How lively the motion is; None: as the first chunk has it."""
+    walk: float = 0.0
+    """Density of the random walk of the mass [kg/sqrt(s)]; 0: it stays."""
+    steps: Array = field(default_factory=lambda: np.zeros(0))
+    """By how much the mass of each chunk is more than that of the one before, or of all before
+    [kg], shape (n,); where it walks."""
+
+    @property
+    def variance(self) -> float:
+        """Of a step of the mass from one chunk to the next [kg^2]."""
+        return self.walk**2 * self.grid.length
+
+    def at(self, point: Array, number: int) -> Array:
+        """The border as it was in a chunk, shape (k,).
+
+        Args:
+            point: As it is now, shape (k,).
+            number: Of the chunk in the window; -1: before all of them.
+        """
+        if not self.walk:
+            return point
+        return np.asarray(point - by_mass(point) * self.steps[number + 1 :].sum())
 
     def place(self, number: int) -> slice:
         """Where a chunk of the window has its coefficients."""
@@ -122,6 +160,8 @@ class Window:
         Args:
             motion: Of that chunk, shape (f, block); None: it goes on as fast as it is.
         """
+        if self.walk:
+            return replace(self, walk=0.0).longer(motion)._walking(self.walk)
         own = self.motion
         if motion is not None:
             further = motion[DEGREE:] if len(own) else motion
@@ -137,13 +177,19 @@ class Window:
         further = value + self.grid.spacing * middle[:, None] * rate
         return replace(self, motion=np.vstack([own, further]))
 
-    def moved(self, step: Array) -> Window:
+    def _walking(self, walk: float) -> Window:
+        """With one more step of the mass."""
+        return replace(self, walk=walk, steps=np.append(self.steps, 0.0))
+
+    def moved(self, step: Array, walked: Array | None = None) -> Window:
         """With other coefficients.
 
         Args:
             step: By how much, shape (f block,).
+            walked: The same of the steps of the mass [kg], shape (n,); None: these stay.
         """
-        return replace(self, motion=self.motion + step.reshape(self.motion.shape))
+        motion = self.motion + step.reshape(self.motion.shape)
+        return replace(self, motion=motion, steps=self.steps + (0.0 if walked is None else walked))
 
     def segment(self, number: int, readings: tuple[Reading, ...]) -> Segment:
         """A chunk of the window as a segment.
@@ -184,20 +230,29 @@ class Window:
         point = border if use is None else border[use]
         if self.past is not None:
             past = self.past if use is None else self.past.of_columns(use)
-            parts.append(past.seen_from(Point(self.motion[:DEGREE], point)))
+            parts.append(past.seen_from(Point(self.motion[:DEGREE], self.at(point, -1))))
             places.append(0)
         for i, chunk in enumerate(self.chunks):
             own = self.place(i)
             linear = chunk.whole if use is None else chunk.linear
-            parts.append(linear.seen_from(Point(self.motion[own], point)))
+            parts.append(linear.seen_from(Point(self.motion[own], self.at(point, i))))
             places.append(own.start)
         return parts, places
 
     def equations(self, border: Array, use: NDArray[np.intp] | None) -> NormalEquations:
-        """Normal equations of its motion with what remains of all before; arguments as of
-        :meth:`told`.
+        """Normal equations of its motion with what remains of all before, and with the steps of the
+        mass as the last columns of the border; arguments as of :meth:`told`.
         """
-        return self.joined(*self.told(border, use))
+        parts, places = self.told(border, use)
+        if not self.walk:
+            return self.joined(parts, places)
+        direction, count = by_mass(border if use is None else border[use]), len(self.steps)
+        first = len(self.chunks) - len(parts)
+        stepped = [
+            with_steps(each, direction, np.arange(count) > number)
+            for number, each in enumerate(parts, start=first)
+        ]
+        return with_known_steps(self.joined(stepped, places), self.steps, self.variance)
 
     def joined(self, parts: Sequence[NormalEquations], places: Sequence[int]) -> NormalEquations:
         """Equations of past and chunks as those of all, with what is known at the end.
@@ -238,6 +293,9 @@ class Recursion:
     """Of all that has arrived."""
     unsettled: int = 0
     """Chunks in which the steps did not settle."""
+    passed_on: int = 0
+    """Columns of the border about which what was known beforehand is part of what remains of the past:
+    where the mass walks, it is forgotten with it."""
     settings: RecursiveSettings = RECURSIVE
 
     @classmethod
@@ -272,7 +330,11 @@ class Recursion:
         assert self.solution is not None
         pick = self.picked(run)[:, self.use]
         value = self.state.calibration.body(self.solution.value[:TEN], run)
-        return value, np.asarray(pick @ self.solution.covariance @ pick.T)
+        covariance = pick @ self.solution.covariance @ pick.T
+        if self.window is not None and self.window.walk:
+            own = by_mass(self.point)[:TEN]
+            covariance = covariance + np.outer(own, own) * self.window.variance * _TO_THE_END
+        return value, np.asarray(covariance)
 
     def weighs_more(self, before: str, after: str) -> tuple[float, float]:
         """By how much what one run carries weighs more than what another does, and 1-sigma [kg].
@@ -303,17 +365,55 @@ class Recursion:
             numpy.linalg.LinAlgError: The motion is not determined.
         """
         assert self.window is not None
-        window, _ = self.window.equations(self.point, self.use).reduced()
+        window, _ = self._reduced(self.equations)
         known = self.told.normal + self.prior.precision
         return known[np.ix_(self.use, self.use)] + window, self.use
 
     @property
     def prior(self) -> BorderPrior:
-        """What is known beforehand, about where all is."""
+        """What is known beforehand and no part of the past, about where all is."""
         task, state = self.task, self.state
         assert state.parameters is not None
         radius = plausible_radius(task.experiment.robot)
-        return prior_of(task.experiment, state.calibration, state.parameters, radius)
+        whole = prior_of(task.experiment, state.calibration, state.parameters, radius)
+        new = np.arange(len(self.point)) >= self.passed_on
+        if new.all():
+            return whole
+        here = absolute(self.state)
+        precision = np.where(np.outer(new, new), whole.precision, 0.0)
+        pull = np.where(new, whole.pull - whole.precision @ here + precision @ here, 0.0)
+        return BorderPrior(precision, pull)
+
+    def started(self, window: Window, since: float = 0.0) -> Recursion:
+        """At the beginning of a motion.
+
+        Args:
+            window: Of it, without chunks.
+            since: What was told before is as old then [s].
+        """
+        walk = self.task.experiment.mass_walk
+        if not walk:
+            return replace(self, window=window)
+        prior, told, here = self.prior, self.relative(self.told), absolute(self.state)
+        normal = told.normal + prior.precision
+        block, border = window.grid.block, len(here)
+        past = NormalEquations(
+            np.zeros((block * (DEGREE + 1), block * DEGREE)),
+            np.zeros((block * DEGREE, border)),
+            normal,
+            np.zeros(block * DEGREE),
+            told.right + prior.pull - normal @ here,
+            block=block,
+        )
+        if since > 0:
+            past = a_step_later(past, by_mass(self.point), 0.0, walk**2 * since)
+        at = Point(np.zeros((DEGREE, block)), self.point)
+        return replace(
+            self,
+            window=replace(window, walk=walk, past=Linear(past, at)),
+            told=_nothing(border),
+            passed_on=border,
+        )
 
     def arrived(
         self, readings: Sequence[Reading], forces: Forces, motion: Array | None = None
@@ -387,11 +487,18 @@ class Recursion:
         return replace(here, window=replace(here.window, chunks=self.window.chunks))
 
     def _with_chunk(
-        self, segment: Segment, forces: Forces, rows: Sequence[Rows], number: int
+        self,
+        segment: Segment,
+        forces: Forces,
+        rows: Sequence[Rows],
+        number: int,
+        at: Array | None = None,
     ) -> Recursion:
-        """With a chunk of the window as it is linearised."""
+        """With a chunk of the window as it is linearised, about a border, shape (k,); None: the
+        present one.
+        """
         assert self.window is not None
-        chunk = Chunk(segment, forces, rows, self.point, self.use)
+        chunk = Chunk(segment, forces, rows, self.point if at is None else at, self.use)
         chunks = (*self.window.chunks[:number], chunk, *self.window.chunks[number + 1 :])
         return replace(self, window=replace(self.window, chunks=chunks))
 
@@ -424,18 +531,24 @@ class Recursion:
             numpy.linalg.LinAlgError: The motion is not determined.
         """
         assert self.window is not None
-        window, first, point = self.window, self.window.chunks[0], self.point
+        window, first = self.window, self.window.chunks[0]
+        point = window.at(self.point, 0)
+        then = replace(self.state, parameters=point[:TEN])
         grid, tally = window.grid, Tally()
         segment = replace(first.segment, coefficients=window.motion[window.place(0)])
-        balances, rows = whitened_rows(self.task, self.state, segment, first.forces, tally=tally)
-        here = self._with_chunk(segment, first.forces, rows, 0)
+        balances, rows = whitened_rows(self.task, then, segment, first.forces, tally=tally)
+        here = self._with_chunk(segment, first.forces, rows, 0, point)
         assert here.window is not None
         own = here.window.chunks[0].whole.equations
         # The verdict asks all columns, also those that nobody estimates.
-        every = here.window.equations(point, None)
+        every = here.window.equations(self.point, None)
+        every = without_columns(every, len(window.steps)) if window.walk else every
         parts, before = [replace(own, parts={})], _nothing(len(point))
         if window.past is not None:
-            past = window.past.seen_from(Point(window.motion[:DEGREE], point))
+            past = window.past.seen_from(Point(window.motion[:DEGREE], window.at(self.point, -1)))
+            if window.walk:
+                step = float(window.steps[0])
+                past = a_step_later(past, by_mass(point), step, window.variance)
             parts.append(past)
             before = _of_border(past, point)
         remains = eliminated(together(parts, [0] * len(parts)), DEGREE)
@@ -443,7 +556,7 @@ class Recursion:
         # What it adds to what was known before: independent of that by construction.
         normal, right = after.normal - before.normal, after.right - before.right
         whole = replace(segment, coefficients=window.motion)
-        noise = left_noise(self.task, self.state, whole, balances, every)
+        noise = left_noise(self.task, then, whole, balances, every)
         freedom = float(np.sum(~first.forces.touched))
         one = np.zeros(grid.intervals, dtype=np.intp)
         size = segment.coefficients.size
@@ -454,7 +567,7 @@ class Recursion:
             tuple(each.at for each in balances),
             np.concatenate([each.root**2 for each in balances]),
             BorderEquations(normal, right, noise, freedom),
-            Blocks(normal[None], right[None], np.array([self._number_of(segment.run)])),
+            self._block(normal, right, segment.run),
             by_stretches(segment, rows, every, one)[2],
             inverse,
             every.followed[:size],
@@ -469,9 +582,16 @@ class Recursion:
             chunks=window.chunks[1:],
             motion=window.motion[grid.intervals :],
             past=Linear(remains, Point(kept, point)),
+            steps=window.steps[1:],
             lively=lively.followed(segment, inverse, grid.intervals, self.settings),
         )
         return replace(self, window=left), part
+
+    def _block(self, normal: Array, right: Array, run: str) -> Blocks:
+        """What a chunk says, as far as it may be compared with others."""
+        if self.task.experiment.mass_walk:
+            normal, right = blind_to_mass(normal, right, by_mass(self.point))
+        return Blocks(normal[None], right[None], np.array([self._number_of(run)]))
 
     def ended(self) -> Recursion:
         """With the motion ended, all chunks of which have passed."""
@@ -479,7 +599,10 @@ class Recursion:
         past = self.window.past
         if past is None:
             return replace(self, window=None)
-        own = _of_border(past.seen_from(Point(past.at.motion, self.point)), self.point)
+        told = past.seen_from(Point(past.at.motion, self.point))
+        if self.window.walk:
+            told = a_step_later(told, by_mass(self.point), 0.0, self.window.variance * _TO_THE_END)
+        own = _of_border(told, self.point)
         return replace(self, window=None).with_told(own)
 
     def with_told(self, equations: BorderEquations) -> Recursion:
@@ -516,10 +639,13 @@ class Recursion:
         assert self.window is not None
         every = self.equations
         solution = self._known(every)
-        step = solution.value - absolute(self.state)[self.use]
+        step, walked = solution.value - absolute(self.state)[self.use], None
+        if self.window.walk:
+            walked = steps_of(*every.reduced(), step)
+            step = np.concatenate([step, walked])
         motion = every.motion_step(step)
         promised = float(motion @ every.motion_gradient + step @ every.border_gradient)
-        found = replace(self, window=self.window.moved(motion))
+        found = replace(self, window=self.window.moved(motion, walked))
         return found._at(solution), abs(promised)
 
     def _followed(self) -> tuple[Recursion, float]:
@@ -535,13 +661,25 @@ class Recursion:
         assert self.window is not None
         return self.window.equations(self.point, self.use)
 
+    def _reduced(self, every: NormalEquations) -> tuple[Array, Array]:
+        """Matrix and right-hand side of the border with motion and steps of the mass eliminated.
+
+        Args:
+            every: Equations of the window.
+        """
+        assert self.window is not None
+        normal, gradient = every.reduced()
+        if not self.window.walk:
+            return normal, gradient
+        return settled_steps(normal, gradient, len(self.window.steps))
+
     def _known(self, every: NormalEquations) -> Solution:
         """Body and calibration from all that has arrived.
 
         Args:
             every: Equations of the window, over the columns that are estimated.
         """
-        normal, gradient = every.reduced()
+        normal, gradient = self._reduced(every)
         told, here = self._told, absolute(self.state)[self.use]
         right = told.right + gradient + normal @ here
         return self._solved(replace(told, normal=told.normal + normal, right=right))
@@ -591,6 +729,10 @@ def _nothing(border: int) -> BorderEquations:
 
 def _of_border(equations: NormalEquations, point: Array) -> BorderEquations:
     """What equations say of the border about a point, calibration parameters counted from nothing."""
-    normal, gradient = equations.reduced()
+    if equations.band.any():
+        normal, gradient = equations.reduced()
+    else:
+        # No motion has passed.
+        normal, gradient = equations.corner, equations.border_gradient
     none = np.zeros((TEN, TEN))
     return BorderEquations(normal, gradient + normal @ point, none, 0.0)

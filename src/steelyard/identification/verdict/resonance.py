@@ -12,11 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_banded
+from scipy.linalg.lapack import dtbtrs
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
@@ -115,9 +116,10 @@ def resonance(found: Posterior, settings: VerdictSettings = VERDICT) -> Resonanc
             continue
         count = 1 + int(np.ceil(np.log(kind.highest / lowest) / np.log(_RATIO)))
         frequencies = np.geomspace(lowest, kind.highest, count)
+        asked = [_Asked.of(each, kind) for each in stretches]
 
-        def tested(frequency: float, kind: _Kind = kind) -> _Test:
-            return _tested(stretches, kind, float(frequency))
+        def tested(frequency: float, asked: Sequence[_Asked] = asked) -> _Test:
+            return _tested(asked, float(frequency))
 
         falls = [tested(each).fall for each in frequencies]
         likeliest = float(frequencies[int(np.argmax(falls))])
@@ -183,19 +185,51 @@ class _Stretch:
     """What is left over, in units of its scatter, shape (6 n - 6,)."""
     scatter: float
 
-    def rows(self, columns: Array) -> Array:
-        """Columns of the balance as the residual is, shape (6 n - 6, c), from shape (n, 6, c)."""
-        return _innovations(self.whitener @ columns, self.use, self.kept) / self.scatter
+    @cached_property
+    def _between(self) -> tuple[NDArray[np.intp], Array]:
+        """Instant before each sample, and part of the step to the next one, shapes (n,) and
+        (n, 1).
+        """
+        steps = np.clip((self.time - self.instants[0]) / _STEP, 0.0, len(self.instants) - 1)
+        before = np.minimum(steps.astype(np.intp), max(len(self.instants) - 2, 0))
+        return before, (steps - before)[:, None]
 
     def response(self, kind: _Kind, frequency: float) -> Array:
         """Pull of a kilogramme, platform frame [N], shape (n, 3)."""
         driven = self.level if kind.name == "swings" else self.felt
         # It begins as it would hang at rest.
         followed = _followed(driven - driven[0], 2 * np.pi * frequency, kind.damping) - driven[0]
-        pull = np.column_stack([np.interp(self.time, self.instants, u) for u in followed.T])
+        before, share = self._between
+        after = np.minimum(before + 1, len(followed) - 1)
+        pull = followed[before] * (1 - share) + followed[after] * share
         if kind.name == "bends":
-            return pull
+            return np.asarray(pull)
         return np.asarray(np.einsum("nji,nj->ni", self.rotation, pull))
+
+
+@dataclass(frozen=True, eq=False)
+class _Asked:
+    """A stretch that is asked for one kind: what does not depend on the frequency is there once."""
+
+    stretch: _Stretch
+    kind: _Kind
+    by_pull: tuple[Array, ...]
+    """How the whitened balance follows each component of a pull, shape (n, 6, c) each: of a kilogramme
+    and of a kilogramme a metre away."""
+
+    @classmethod
+    def of(cls, stretch: _Stretch, kind: _Kind) -> _Asked:
+        """Of one kind."""
+        wrenches = _wrenches(kind)
+        white = (stretch.whitener / stretch.scatter) @ wrenches.reshape(DIRECTIONS, -1)
+        whole = white.reshape(*white.shape[:2], *wrenches.shape[1:])
+        return cls(stretch, kind, tuple(np.ascontiguousarray(whole[..., i]) for i in range(3)))
+
+    def rows(self, frequency: float) -> Array:
+        """Columns of the balance as the residual is, shape (6 n - 6, c)."""
+        pull = self.stretch.response(self.kind, frequency)
+        white = sum(own * p[:, None, None] for own, p in zip(self.by_pull, pull.T, strict=True))
+        return _innovations(np.asarray(white), self.stretch.use, self.stretch.kept)
 
 
 def _followed(driven: Array, omega: float, damping: float) -> Array:
@@ -208,12 +242,13 @@ def _followed(driven: Array, omega: float, damping: float) -> Array:
         2 * (half**2 - 1),
         1 - 2 * damping * half + half**2,
     )
-    band = np.zeros((3, len(driven)))
-    band[0], band[1, :-1], band[2, :-2] = first, middle, last
+    band = np.empty((3, len(driven)))
+    band[0], band[1], band[2] = first, middle, last
     right = driven.copy()
     right[1:] += 2 * driven[:-1]
     right[2:] += driven[:-2]
-    return np.asarray(solve_banded((2, 0), band, -(half**2) * right, check_finite=False))
+    found, _ = dtbtrs(band, -(half**2) * right, uplo="L")
+    return np.asarray(found)
 
 
 def _innovations(rows: Array, use: NDArray[np.bool_], kept: float) -> Array:
@@ -302,9 +337,9 @@ def _beside(base: Array, rows: Array) -> Array:
     return np.asarray(rows - base @ (base.T @ rows))
 
 
-def _tested(stretches: Sequence[_Stretch], kind: _Kind, frequency: float) -> _Test:
+def _tested(asked: Sequence[_Asked], frequency: float) -> _Test:
     """A pull at one point of the platform, which is as unknown as its mass."""
-    told = [(each, each.rows(_pulls(each.response(kind, frequency), kind))) for each in stretches]
+    told = [(each.stretch, each.rows(frequency)) for each in asked]
     own = [_beside(each.base, rows) for each, rows in told]
     normal = np.sum([rows.T @ rows for rows in own], axis=0)
     right = np.sum([rows.T @ each.over for (each, _), rows in zip(told, own, strict=True)], axis=0)
@@ -315,14 +350,17 @@ def _tested(stretches: Sequence[_Stretch], kind: _Kind, frequency: float) -> _Te
     return _Test(float(right @ pull), pull, body)
 
 
-def _pulls(pull: Array, kind: _Kind) -> Array:
-    """Wrenches of a kilogramme and of a kilogramme a metre away, platform frame, shape (n, 6, c)."""
-    along = [pull] if kind.name == "swings" else [pull * axis for axis in np.eye(3)]
+def _wrenches(kind: _Kind) -> Array:
+    """Wrenches that a pull of a kilogramme and of a kilogramme a metre away makes, as linear functions
+    of it, platform frame, shape (6, c, 3).
+    """
+    axes = np.eye(3)
+    along = [axes] if kind.name == "swings" else [np.outer(axis, axis) for axis in axes]
     found = []
     for each in along:
-        found.append(np.concatenate([each, np.zeros_like(each)], axis=1))
-        for axis in np.eye(3):
-            moment = np.cross(axis, each)
+        found.append(np.vstack([each, np.zeros((3, 3))]))
+        for axis in axes:
+            moment = np.cross(axis, each, axisb=0, axisc=0)
             if moment.any():
-                found.append(np.concatenate([np.zeros_like(each), moment], axis=1))
-    return np.stack(found, axis=2)
+                found.append(np.vstack([np.zeros((3, 3)), moment]))
+    return np.stack(found, axis=1)
