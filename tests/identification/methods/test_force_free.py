@@ -108,6 +108,9 @@ def test_maximum_likelihood_of_swings_in_mujoco(m):
     [
         {"swivel": 0.1},
         {"noise_stated": False, "lost": 2.0, "jumps": 1.0, "marker": (0.02, 0.03), "jitter": 5e-4},
+        # The equations of motion hold what such a camera does not resolve.
+        {"rate": 25.0},
+        {"rate": 50.0, "jitter": 0.002},
     ],
 )
 def test_swings_as_a_laboratory_records_them(real):

@@ -151,9 +151,10 @@ def _moving(
     stretches, gaps = stretches_of(run, streams, forces, settings)
     notes += gaps
     finest = np.inf
+    swinging = run.locked and isinstance(experiment.instruments[force], UnreadCables)
     if spacing is None:
         spacing, finest = chosen_spacing(experiment, streams, stretches, settings)
-        if run.locked and isinstance(experiment.instruments[force], UnreadCables):
+        if swinging:
             # The balance is no looser than its equations: the motion has to be able to fulfil them.
             spacing = min(spacing, settings.swinging)
     pose = poses_of(samples)
@@ -223,7 +224,7 @@ def _moving(
     if not segments:
         notes.append(f"run '{run.name}': nothing that forces and motion tell together")
     return Recorded(
-        tuple(_smooth(segments, spacing, steps_of(streams), settings)),
+        tuple(_smooth(segments, spacing, {} if swinging else steps_of(streams), settings)),
         tuple(force_samples),
         least,
         tuple(notes),
@@ -238,11 +239,17 @@ def _smooth(
     steps: Mapping[str, float],
     settings: MotionSettings,
 ) -> Iterator[Segment]:
-    """Arcs with a first guess of how smooth they are: as rough as they begin with, spread over all
+    """Segments with a first guess of how smooth they are: as rough as they begin with, spread over all
     they could do.
 
     A part that its instruments do not resolve is no looser than it seems: nothing but forces would
-    hold it, and these are to tell the body.
+    hold it, and these are to tell the body. A swing is held by its own equations of motion.
+
+    Args:
+        segments: Of one run.
+        spacing: Of their knots [s].
+        steps: Part of the pose -> time between two readings of it [s], where they have to hold it.
+        settings: How much looser.
     """
     if not segments:
         return
@@ -255,8 +262,8 @@ def _smooth(
         for part in PARTS
     }
     looser = {
-        part: settings.looser if spacing >= settings.per_knot * step else 1.0
-        for part, step in steps.items()
+        part: settings.looser if spacing >= settings.per_knot * steps.get(part, 0.0) else 1.0
+        for part in PARTS
     }
     for segment in segments:
         yield replace(segment, smoothness=rough, looser=looser)
