@@ -168,7 +168,8 @@ class TestScene:
         click(wide, "[data-motion=play]")
         after = points(wide, 0)
         np.testing.assert_array_equal(after[0], before[0])
-        assert np.linalg.norm(after[1] - before[1]) > 0.1
+        # .3 s at .33 m/s, the chord of a bend.
+        assert np.linalg.norm(after[1] - before[1]) > 0.05
         np.testing.assert_allclose(wide.execute_script(EYE), view, atol=1e-9)
 
     def test_the_slider_by_keys(self, wide):
