@@ -65,6 +65,8 @@ class Reading:
     follows: bool = False
     """Whether these tensions are those of :class:`CarriedTensions` wherever forces are fitted, so
     that all which is uncertain about them is in the lengths too."""
+    still: bool = False
+    """Whether it stands still to its last digit, so that nothing in it tells when it was read."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -204,7 +204,14 @@ def _moving(
                 )
             if sigma is not None:
                 readings.append(
-                    Reading(stream.source, stream.time[use], stream.values[use], sigma, tension)
+                    Reading(
+                        stream.source,
+                        stream.time[use],
+                        stream.values[use],
+                        sigma,
+                        tension,
+                        still=still,
+                    )
                 )
         own = force_samples_of(experiment, run, samples, start, end)
         own = with_unresolved(experiment, own, spacing)

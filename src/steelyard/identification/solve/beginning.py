@@ -35,7 +35,6 @@ from steelyard.identification.samples.first_motion import (
     turns_are_told,
     with_first_motion,
 )
-from steelyard.identification.samples.motion_noise import stands_still
 from steelyard.identification.samples.preparation import Samples, prepare, with_every_cable
 from steelyard.identification.samples.segmentation import Recorded, recorded
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
@@ -407,7 +406,7 @@ def _untimed(
             timed[segment.run, clock_of(experiment, force)] = True
         for reading in segment.readings:
             place = segment.run, clock_of(experiment, reading.source[0])
-            timed[place] = timed.get(place, False) or not stands_still(reading.values)
+            timed[place] = timed.get(place, False) or not reading.still
     found = np.zeros(len(calibration_parameters), dtype=bool)
     for (name, clock), moves in timed.items():
         if not moves:

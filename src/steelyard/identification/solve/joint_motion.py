@@ -56,7 +56,7 @@ _EXPLANATIONS = 2
 
 
 @dataclass(frozen=True)
-class _Vibration:
+class _FinerKnots:
     """How a run is to be followed more closely."""
 
     spacing: float
@@ -170,7 +170,7 @@ def _without_hands(readings: Readings, begun: Beginning) -> tuple[Readings, Begi
     return readings, begun
 
 
-def _finer(readings: Readings, vibrations: Mapping[str, _Vibration]) -> Readings:
+def _finer(readings: Readings, vibrations: Mapping[str, _FinerKnots]) -> Readings:
     """The readings on finer knots where something vibrates."""
     experiment = readings.experiment
     records = tuple(
@@ -211,7 +211,7 @@ def _as_forces_ask(readings: Readings, found: Fitted, tell: Tell) -> Fitted:
     return found
 
 
-def _coarse(readings: Readings, found: Fitted) -> dict[str, _Vibration]:
+def _coarse(readings: Readings, found: Fitted) -> dict[str, _FinerKnots]:
     """Runs whose forces scatter more than their stated noise does and whose instruments resolve
     finer knots, with knots half as far apart.
     """
@@ -226,7 +226,7 @@ def _coarse(readings: Readings, found: Fitted) -> dict[str, _Vibration]:
         spacing = float(segment.knots[DEGREE + 1] - segment.knots[DEGREE])
         if closest[segment.run] < settings.much_finer * spacing:
             finer = max(closest[segment.run], spacing / 2)
-            coarse[segment.run] = _Vibration(finer, clock_of(experiment, forces.name), 0.0)
+            coarse[segment.run] = _FinerKnots(finer, clock_of(experiment, forces.name), 0.0)
     return coarse
 
 
@@ -262,7 +262,7 @@ def _explain(begun: Beginning, found: Fitted) -> bool:
     )
 
 
-def _vibrations(readings: Readings, fitted: Fitted) -> dict[str, _Vibration]:
+def _vibrations(readings: Readings, fitted: Fitted) -> dict[str, _FinerKnots]:
     """Runs in which forces and accelerometer both feel what the knots do not follow."""
     settings = readings.settings
     finest = {segment.run: each.finest for each in readings.records for segment in each.segments}
@@ -279,12 +279,12 @@ def _vibrations(readings: Readings, fitted: Fitted) -> dict[str, _Vibration]:
         own = coherence(readings.experiment, segment, at, state.calibration, mass, settings)
         if own.correlation > settings.coherent:
             clock = clock_of(readings.experiment, own.instrument)
-            found[segment.run] = _Vibration(finest[segment.run], clock, own.lag)
+            found[segment.run] = _FinerKnots(finest[segment.run], clock, own.lag)
     return found
 
 
 def _fitted(
-    readings: Readings, begun: Beginning, tell: Tell, vibrations: Mapping[str, _Vibration]
+    readings: Readings, begun: Beginning, tell: Tell, vibrations: Mapping[str, _FinerKnots]
 ) -> Fitted:
     """Motion and forces, leaving out what stands alone."""
     tell("motion and forces", 0.5)
@@ -424,7 +424,7 @@ def _cut(
     task: Task,
     state: FitState,
     tell: Tell,
-    vibrations: Mapping[str, _Vibration],
+    vibrations: Mapping[str, _FinerKnots],
     *,
     levels: bool = True,
 ) -> Fitted:
@@ -465,7 +465,7 @@ def _cut(
     return fitted
 
 
-def _again(readings: Readings, before: Fitted, vibrations: Mapping[str, _Vibration]) -> Beginning:
+def _again(readings: Readings, before: Fitted, vibrations: Mapping[str, _FinerKnots]) -> Beginning:
     """What was found, on other knots; clocks where forces and accelerometers go together best, since
     what vibrates fits at many lags.
     """

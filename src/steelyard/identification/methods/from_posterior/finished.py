@@ -199,7 +199,7 @@ def _of_fit(found: Posterior) -> dict[str, Any]:
         noise.setdefault(name, {})[quantity] = {
             "stated": sample if (name, quantity) in fit.stated else None,
             "used": sample * factor,
-            "found": (sample * factor * float(np.sqrt(fit.ratios.get((name, quantity), 1.0)))),
+            "found": sample * factor * float(np.sqrt(fit.ratios.get((name, quantity), 1.0))),
             "numbers": count,
             "far": fit.tally.far.get((name, quantity), 0),
         }
