@@ -164,12 +164,11 @@ class TestScene:
             wide.execute_script("return document.querySelector('[data-motion=play]').textContent")
             == "pause"
         )
-        until(wide, f"return {SCENE}.instant > {start} + 0.3")
+        until(wide, f"return {SCENE}.instant > {start} + 0.5")
         click(wide, "[data-motion=play]")
         after = points(wide, 0)
         np.testing.assert_array_equal(after[0], before[0])
-        # .3 s at .33 m/s, the chord of a bend.
-        assert np.linalg.norm(after[1] - before[1]) > 0.05
+        assert np.linalg.norm(after[1] - before[1]) > 0.1
         np.testing.assert_allclose(wide.execute_script(EYE), view, atol=1e-9)
 
     def test_the_slider_by_keys(self, wide):
