@@ -7,8 +7,18 @@ from scipy.interpolate import BSpline
 from scipy.optimize import minimize_scalar
 from scipy.stats import Covariance, multivariate_normal
 
-from steelyard.identification.model.settings import MotionSettings
-from steelyard.identification.samples.knot_spacing import Channelled, best_spacing, evidence
+from steelyard.experiment.model import Experiment
+from steelyard.identification.model.settings import MOTION, MotionSettings
+from steelyard.identification.samples.knot_spacing import (
+    Channelled,
+    best_spacing,
+    chosen_spacing,
+    closest_spacing,
+    evidence,
+    stretching,
+)
+from steelyard.identification.samples.motion_streams import MotionStream
+from steelyard.robot.model import CableProperties, Robot
 from steelyard.smoothing import DEGREE, knots
 
 pytestmark = pytest.mark.integration
@@ -282,3 +292,53 @@ def test_how_much_likelier_finer_knots_must_be_can_be_set():
     assert found == sorted(found)
     assert found[1] == best_spacing(stream, CANDIDATES, 0.0, 6.0)
     assert found[2] == CANDIDATES[-1] > found[1]
+
+
+# Cables that stretch
+
+
+def softened(stiffness):
+    """Eight cables of eight metres about the origin, of an axial stiffness [N]."""
+    corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    cable = CableProperties(axial_stiffness=stiffness)
+    return Robot("soft", 8.0 / 3**0.5 * corners, 0.1 * corners, cable=cable)
+
+
+def along(frequency):
+    """A place and lengths of .5 mm that follow a sine, and tensions that vary by 100 N [Hz]."""
+    time = np.arange(0.0, 20.0, 0.01)
+    rng = np.random.default_rng(3)
+    sine = np.sin(2 * np.pi * frequency * time)[:, None]
+    place, length = (0.1 * sine + 5e-4 * rng.normal(size=(len(time), count)) for count in (3, 8))
+    streams = [
+        MotionStream(
+            (name, name), time, time, values, 5e-4, "m", 0, ("position",), needs_tension=follows
+        )
+        for name, values, follows in (("tracker", place, False), ("lengths", length, True))
+    ]
+    return streams, 1000.0 + 100.0 * 2**0.5 * np.tile(sine, 8)
+
+
+def test_stretch_is_told_in_units_of_the_noise_of_lengths():
+    streams, tension = along(0.5)
+    for stiffness in (5e4, 5e5):
+        own = Experiment("soft", softened(stiffness), {}, ())
+        # Eight metres, 100 N and a noise of .5 mm.
+        expected = 8.0 * 100.0 / stiffness / 5e-4
+        assert stretching(own, streams, tension) == pytest.approx(expected, rel=1e-3)
+    assert stretching(own, streams, None) == 0.0
+    assert stretching(own, streams[:1], tension) == 0.0
+    assert stretching(Experiment("rods", softened(None), {}, ()), streams, tension) == 0.0
+
+
+def test_knots_are_closer_where_lengths_show_what_tensions_stretch():
+    streams, tension = along(0.5)
+    found = {
+        stiffness: chosen_spacing(
+            Experiment("soft", softened(stiffness), {}, ()), streams, [(0.0, 20.0)], MOTION, tension
+        )[0]
+        for stiffness in (2e4, 5e5)
+    }
+    assert found[2e4] == pytest.approx(found[5e5] / 2**0.5)
+    # The motion is resolved to that spacing at all.
+    assert found[2e4] > closest_spacing(Experiment("soft", softened(2e4), {}, ()), streams, MOTION)

@@ -127,6 +127,16 @@ class MotionSettings:
     """Samples between two knots, at least: a motion that its instruments do not resolve cannot be
     told from their readings, and the forces, which would tell it instead, could then say nothing
     about the body."""
+    finer: float = 2**0.5
+    """By how much the knots are closer than the readings of the motion ask for: what these do not
+    see, forces may."""
+    finer_stretched: float = 2.0
+    """The same where lengths are read of cables that stretch much: a spline errs in accelerations
+    with the fourth power of its spacing, and then errs by a quarter of that."""
+    much_stretched: float = 20.0
+    """How far cables stretch, in 1-sigma of the lengths that are read of them, that is much: knots that
+    the motion alone asks for leave up to a hundredth of it, a fifth of that noise and in readings
+    that follow each other alike."""
     per_vibration: float = 3.0
     """The same of the accelerometer where it is to follow a vibration."""
 

@@ -142,14 +142,46 @@ def closest_spacing(
     return float(max(limit, settings.per_knot * max(steps_of(streams).values())))
 
 
+def stretching(
+    experiment: Experiment, streams: Sequence[MotionStream], tension: Array | None
+) -> float:
+    """By how much cables stretch more and less along a motion, over the stated noise of the lengths
+    that are read of them; 0: they do not, or nobody has stated or read it.
+
+    Args:
+        experiment: With its robot.
+        streams: That tell the motion.
+        tension: Of the cables [N], shape (n, m); None: nobody reads them.
+    """
+    robot = experiment.robot
+    read = [each.sigma for each in streams if each.needs_tension and each.sigma]
+    if tension is None or not robot.cable.axial_stiffness or not read:
+        return 0.0
+    # Of a platform in the middle.
+    length = np.linalg.norm(robot.anchors - robot.anchors.mean(axis=0), axis=1)
+    stretch = length * np.nanstd(tension, axis=0) / robot.cable.axial_stiffness
+    return float(np.median(stretch) / min(read))
+
+
 def chosen_spacing(
     experiment: Experiment,
     streams: Sequence[MotionStream],
     stretches: Sequence[tuple[float, float]],
     settings: MotionSettings,
+    tension: Array | None = None,
 ) -> tuple[float, float]:
     """Spacing of the knots: as fine as the readings ask for, and somewhat finer; and what they
     could resolve, see :class:`Recorded`.
+
+    Lengths of cables that stretch read accelerations, which splines follow worst: by more than their
+    noise they ask for finer knots than what reads the motion itself.
+
+    Args:
+        experiment: With its robot.
+        streams: That tell the motion.
+        stretches: Beginning and end of each that is fitted [s].
+        settings: With the limits.
+        tension: Of the cables [N], shape (n, m); None: nobody reads them.
     """
     if not stretches:
         return settings.widest, np.inf
@@ -182,7 +214,9 @@ def chosen_spacing(
         if force_samples and best > finest
         else np.inf
     )
-    return float(max(finest, best / np.sqrt(2))), resolved
+    much = stretching(experiment, streams, tension) > settings.much_stretched
+    finer = settings.finer_stretched if much else settings.finer
+    return float(max(finest, best / finer)), resolved
 
 
 def _integral(grid: Array, order: int) -> Array:

@@ -153,7 +153,7 @@ def _moving(
     finest = np.inf
     swinging = run.locked and isinstance(experiment.instruments[force], UnreadCables)
     if spacing is None:
-        spacing, finest = chosen_spacing(experiment, streams, stretches, settings)
+        spacing, finest = chosen_spacing(experiment, streams, stretches, settings, samples.tension)
         if swinging:
             # The balance is no looser than its equations: the motion has to be able to fulfil them.
             spacing = min(spacing, settings.swinging)
