@@ -8,8 +8,10 @@ paper and lengths of .5 mm; anchors of the robot are 5 cm off their drawing, whe
 30 cm, attachments 1 cm. Eight cables are CoGiRo's (own simulator: catenaries over rollers); four are
 a platform that hangs and swings in MuJoCo.
 
-`python benchmarks/calibration.py [DRAWS] soft`: 30 s of these four on ropes that stretch by 2.6 per
-cent, whose axial stiffness is off by ten per cent in the robot file.
+`python benchmarks/calibration.py [DRAWS] soft [NOISE [RATIO [SEED]]]`: 30 s of these four on ropes
+that stretch by 2.6 per cent, whose axial stiffness is off by ten per cent in the robot file: noise of
+the force sensors [N], damping of the ropes over the critical one, first seed. Winches read what they
+have fed.
 """
 
 from __future__ import annotations
@@ -45,6 +47,10 @@ DURATION = 60.0
 """Of a recording in motion [s]."""
 SOFT_DURATION = 30.0
 """The same on soft ropes."""
+FORCES = 5.0
+"""Noise of the force sensors [N]."""
+DAMPED = 0.1
+"""Damping of the ropes, over the critical one of a quarter of the platform."""
 STRETCH = 0.1
 """1-sigma of the axial stiffness in the robot file of soft ropes."""
 BUILT, DRAWN, ATTACHED = 0.05, 0.3, 0.01
@@ -56,10 +62,11 @@ CORNERS = np.array([[-0.5, -0.45, 1.0], [-0.5, 0.4, 1.0], [0.5, 0.45, 1.0], [0.5
 """Their attachments [m]."""
 
 
-def sensors(robot: Robot) -> Sensors:
-    """Those of the paper without the command, and the winches."""
+def sensors(robot: Robot, forces: float = FORCES) -> Sensors:
+    """Those of the paper without the command, with a noise of the forces [N], and the winches."""
     own = dict(paper_sensors(robot).instruments)
     del own["command"]
+    own["cables"] = own["cables"].model_copy(update={"noise": forces})
     own["lengths"] = Length.model_validate(
         {
             "kind": "length",
@@ -90,9 +97,10 @@ def eight(seed: int) -> tuple[Experiment, Robot]:
     return _begun(simulate(true, motion, sensors(true), seed=seed).experiment, true, rng)
 
 
-def soft(seed: int) -> tuple[Experiment, Robot]:
+def soft(seed: int, forces: float = FORCES, damped: float = DAMPED) -> tuple[Experiment, Robot]:
     """The same on ropes that stretch by 2.6 per cent, whose stiffness the robot file has wrong."""
-    experiment, true = four(seed, stiffer=0.1, duration=SOFT_DURATION)
+    own = {"stiffer": 0.1, "duration": SOFT_DURATION}
+    experiment, true = four(seed, **own, forces=forces, damped=damped)
     factor = 1 + STRETCH * np.random.default_rng([seed, 1]).standard_normal()
     cable = replace(
         experiment.robot.cable, axial_stiffness=true.cable.axial_stiffness * max(0.5, factor)
@@ -100,12 +108,18 @@ def soft(seed: int) -> tuple[Experiment, Robot]:
     return replace(experiment, robot=replace(experiment.robot, cable=cable)), true
 
 
-def four(seed: int, stiffer: float = 1.0, duration: float = DURATION) -> tuple[Experiment, Robot]:
+def four(
+    seed: int,
+    stiffer: float = 1.0,
+    duration: float = DURATION,
+    forces: float = FORCES,
+    damped: float = DAMPED,
+) -> tuple[Experiment, Robot]:
     """A minute of a platform on four cables, whose winches feed what it needs to hang in a path."""
     rng = np.random.default_rng(seed)
     none = {"pulley_radius": np.zeros(4), "pulley_axis": np.tile([0.0, 0.0, 1.0], (4, 1))}
     robot = replace(
-        point_robot(damping_ratio=0.1, stiffer=stiffer),
+        point_robot(damping_ratio=damped, stiffer=stiffer),
         anchors=FOUR,
         attachments=CORNERS,
         **none,
@@ -131,7 +145,7 @@ def four(seed: int, stiffer: float = 1.0, duration: float = DURATION) -> tuple[E
     tension = np.linalg.pinv(along) @ (-true.platform.mass * true.gravity)
     feed = make_interp_spline(time, length / (1 + tension / true.cable.axial_stiffness), k=5)
     hanging = moved(true, feed, np.concatenate([place[0], [1, 0, 0, 0]]), duration)
-    instruments = sensors(true).instruments
+    instruments = sensors(true, forces).instruments
     drawn = draw_errors(instruments, 4, ["move"], rng)["move"]
     unused = ExactMotion(true, true.platform, multisine([0] * 6, [0.1] * 6, duration, 3))
     streams, sync = record(hanging, instruments, drawn, true, unused, rng)
@@ -146,7 +160,11 @@ def _begun(
     return replace(experiment, robot=off_by(true, DRAWN, rng), uncertainty=stated), true
 
 
-def table(kinds: dict[int, Callable[[int], tuple[Experiment, Robot]]], count: int) -> None:
+def table(
+    kinds: dict[int, Callable[[int], tuple[Experiment, Robot]]],
+    count: int,
+    first: int = FIRST_SEED,
+) -> None:
     """One line for each robot."""
     print(
         "cables  draws  accepted  chi2/k  95 %   anchor rms  1-sigma  attachment rms  1-sigma   CPU"
@@ -154,7 +172,7 @@ def table(kinds: dict[int, Callable[[int], tuple[Experiment, Robot]]], count: in
     for m, drawn in kinds.items():
         chi, inside, accepted, spent = [], [], 0, 0.0
         off, sigma = [], []
-        for seed in range(FIRST_SEED, FIRST_SEED + count):
+        for seed in range(first, first + count):
             experiment, true = drawn(seed)
             begun = time.process_time()
             found = calibrate(experiment)
@@ -187,7 +205,11 @@ def main(count: int, *rest: str) -> None:
         chosen = [int(m) for m in rest[1:]] or list(kinds)
         table({m: kinds[m] for m in chosen}, count)
     elif rest[:1] == ("soft",):
-        table({4: soft}, count)
+        forces, damped, first = (
+            float(rest[i]) if len(rest) > i else usual
+            for i, usual in enumerate((FORCES, DAMPED, FIRST_SEED), start=1)
+        )
+        table({4: lambda seed: soft(seed, forces, damped)}, count, int(first))
     else:
         table({m: lambda seed, m=m: recorded(seed, m=m) for m in (3, 4, 8, 12)}, count)
 

@@ -104,7 +104,7 @@ class Hanging:
     robot: object
     duration: float
     time: np.ndarray  # [s], shape (n,)
-    seen: np.ndarray  # position, quaternion (w, x, y, z), velocity, omega, their derivatives and the tensions, shape (n, 19 + m)
+    seen: np.ndarray  # position, quaternion (w, x, y, z), velocity, omega, their derivatives, the tensions and what of them stretches the cables, shape (n, 19 + 2 m)
 
     @cached_property
     def _between(self):
@@ -119,7 +119,8 @@ class Hanging:
         # The wrench of the cables, from MuJoCo's own tensions and geometry.
         point = np.einsum("nij,mj->nmi", rotation, self.robot.attachments)
         pull = self.robot.anchors - x[:, None, :3] - point
-        pull *= (x[:, 19:] / np.linalg.norm(pull, axis=2))[:, :, None]
+        tension, spring = np.split(x[:, 19:], 2, axis=1)
+        pull *= (tension / np.linalg.norm(pull, axis=2))[:, :, None]
         total = np.stack([pull.sum(axis=1), np.cross(point, pull).sum(axis=1)], axis=1)
         return State(
             position=x[:, :3],
@@ -128,15 +129,16 @@ class Hanging:
             omega=x[:, 10:13],
             specific_force=force_samples,
             alpha=x[:, 16:19],
-            tension=x[:, 19:],
+            tension=tension,
             wrench=np.einsum("nji,nkj->nki", rotation, total).reshape(-1, 6),
             gravity=self.robot.gravity,
+            stretching=spring,
         )
 
     @property
     def tension(self):
         """At the recorded times [N], shape (n, m)."""
-        return self.seen[:, 19:]
+        return self.seen[:, 19 : 19 + self.robot.m]
 
     @property
     def pose(self):
@@ -210,8 +212,9 @@ def moved(robot, feed, start, duration, *, stiffness=None, step=STEP):
             now.put(model, i)
             mujoco.mj_forward(model, data)
             stretch, stretching = data.ten_length - now.fed[i], data.ten_velocity - now.rate[i]
-            tension = now.stiffness[i] * stretch + now.damping[i] * stretching
-            seen.append(np.concatenate([data.qpos, data.qvel, data.qacc, tension]))
+            spring = now.stiffness[i] * stretch
+            tension = spring + now.damping[i] * stretching
+            seen.append(np.concatenate([data.qpos, data.qvel, data.qacc, tension, spring]))
         if k < count:
             during.put(model, k)
             mujoco.mj_step(model, data)

@@ -45,9 +45,29 @@ def turning(time):
     return rate(time), (rate(time + h) - rate(time - h)) / (2 * h)
 
 
-def moved(seed, *, off=0.3, m=8, forces=True, at_rest=0, stiffness=None):
+def pulled(true, time, *, static=False):
+    """Tensions that move the body, as even as they can be."""
+    place, along, turned = poses(7.3 * time if static else time)
+    R, (omega, alpha) = turned.as_matrix(), turning(time)
+    if static:
+        along, omega, alpha = 0 * along, 0 * omega, 0 * alpha
+    pull = true.anchors - place[:, None] - (R @ true.attachments.T).transpose(0, 2, 1)
+    pull /= np.linalg.norm(pull, axis=2)[:, :, None]
+    felt = np.einsum("nji,nj->ni", R, along - G)
+    at_centre = felt + np.cross(alpha, CENTRE) + np.cross(omega, np.cross(omega, CENTRE))
+    torque = alpha @ INERTIA + np.cross(omega, omega @ INERTIA)
+    wrench = MASS * np.hstack([at_centre, np.cross(CENTRE, at_centre)])
+    wrench[:, 3:] += torque
+    own = np.einsum("nji,nmj->nmi", R, pull)
+    W = np.concatenate([own, np.cross(true.attachments, own)], axis=2).transpose(0, 2, 1)
+    even = np.full(true.m, 400.0)
+    return even + np.einsum("nmk,nk->nm", np.linalg.pinv(W), wrench - W @ even)
+
+
+def moved(seed, *, off=0.3, m=8, forces=True, at_rest=0, stiffness=None, lag=0.0):
     """A hall whose robot file is off, with lengths and a tracker, an IMU, and forces where asked; some
-    poses at rest of the same robot beside it."""
+    poses at rest of the same robot beside it. Ropes stretch by what has pulled at them, which they
+    forget with a time constant [s]."""
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal
     true = replace(hall(m, rng), gravity=G)
@@ -63,9 +83,7 @@ def moved(seed, *, off=0.3, m=8, forces=True, at_rest=0, stiffness=None):
         if static:
             along, omega, alpha = 0 * along, 0 * omega, 0 * alpha
         arms = R @ true.attachments.T
-        pull = true.anchors - place[:, None] - arms.transpose(0, 2, 1)
-        length = np.linalg.norm(pull, axis=2)
-        pull /= length[:, :, None]
+        length = np.linalg.norm(true.anchors - place[:, None] - arms.transpose(0, 2, 1), axis=2)
         felt = np.einsum("nji,nj->ni", R, along - G)
         streams = {
             "lengths": {"length": length + zero + NOISE * noise(length.shape)},
@@ -77,16 +95,12 @@ def moved(seed, *, off=0.3, m=8, forces=True, at_rest=0, stiffness=None):
             },
         }
         if forces:
-            at_centre = felt + np.cross(alpha, CENTRE) + np.cross(omega, np.cross(omega, CENTRE))
-            torque = alpha @ INERTIA + np.cross(omega, omega @ INERTIA)
-            wrench = MASS * np.hstack([at_centre, np.cross(CENTRE, at_centre)])
-            wrench[:, 3:] += torque
-            own = np.einsum("nji,nmj->nmi", R, pull)
-            W = np.concatenate([own, np.cross(true.attachments, own)], axis=2).transpose(0, 2, 1)
-            even = np.full(m, 400.0)
-            tension = even + np.einsum("nmk,nk->nm", np.linalg.pinv(W), wrench - W @ even)
+            tension = pulled(true, time, static=static)
             if stiffness is not None:
-                streams["lengths"]["length"] -= length * tension / (stiffness + tension)
+                ages, parts = np.polynomial.laguerre.laggauss(6)
+                past = [pulled(true, time - lag * age, static=static) for age in ages]
+                stretching = np.tensordot(parts, past, axes=1)
+                streams["lengths"]["length"] -= length * stretching / (stiffness + stretching)
             streams["cables"] = {"tension": tension + 1.0 * noise(tension.shape)}
         runs.append(
             Run(name, {n: Stream(time, each, n) for n, each in streams.items()}, static=static)
@@ -255,6 +269,22 @@ def test_the_stiffness_of_soft_ropes_is_found():
     (line,) = (each for each in robot_text(found).splitlines() if "axial_stiffness" in each)
     assert line.endswith(f"  # axial stiffness: 1-sigma {sigma:.2g} N")
     assert found.to_dict()["axial_stiffness"] == {"value": value, "standard_deviation": sigma}
+
+
+@pytest.mark.slow
+def test_ropes_that_damp_say_by_how_much():
+    lag = 0.03
+    experiment, true = moved(3, off=0.05, stiffness=2e4, lag=lag)
+    cable = replace(true.cable, axial_stiffness=2e4)
+    experiment = replace(experiment, robot=replace(experiment.robot, cable=cable))
+    found = calibrate(experiment)
+    assert not found.reasons
+    assert chi_square(found, true) < 1.7
+    told = found.to_dict()["calibration"]["lengths"]["damping"]
+    (own, fed), (sigma, sigma_fed) = told["value"], told["standard_deviation"]
+    # A rope that is damped in itself does not feel that it is fed.
+    assert abs(own - lag) < 4 * sigma < lag
+    assert fed is None or abs(fed) < 4 * sigma_fed
 
 
 def test_the_verb_takes_a_motion_without_forces(tmp_path, capsys):

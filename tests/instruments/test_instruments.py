@@ -333,7 +333,7 @@ DEFAULTS = {
         "misalignment": 0.0,
         "time_constant": 0.0,
     },
-    "length": {"offset": 1.0, "gain": 0.0, "stretch": 0.0, "roller": 0.0},
+    "length": {"offset": 1.0, "gain": 0.0, "stretch": 0.0, "roller": 0.0, "damping": 0.0},
     "imu": {
         "gyro_bias": 0.02,
         "accelerometer_bias": 0.5,

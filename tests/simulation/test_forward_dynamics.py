@@ -7,6 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.dynamics import platform_wrench
 from steelyard.errors import InfeasibleError, InputError
+from steelyard.instruments import Length
+from steelyard.instruments.equations import means, predict
 from steelyard.motion.trajectory import RestToRest, multisine
 from steelyard.robot.file import read_robot
 from steelyard.simulation.forward_dynamics import CablePlatform
@@ -14,6 +16,7 @@ from steelyard.simulation.response import ExactMotion
 
 POSE_TOLERANCE = 1e-4  # [m], [rad]: what the issue asks of two simulators over 5 s; they agree to a few micrometres
 DURATION = 5.0
+SOLVED = 1e-9  # of lengths, relative: residuals of both solutions
 FINE = 1e-9  # of the integrator, where differences divide its error by small times
 
 
@@ -39,6 +42,24 @@ def test_pose_agrees_with_mujoco_over_five_seconds():
     assert turned.magnitude().max() < POSE_TOLERANCE
     # The comparison means something only if the platform went somewhere.
     assert np.ptp(found.seen[:, :3], axis=0).min() > 0.2
+
+
+@pytest.mark.parametrize("sagging", [False, True])
+def test_winches_read_what_they_have_fed_however_ropes_damp(sagging):
+    robot = read_robot("cogiro")
+    soft = replace(robot.cable, axial_stiffness=1e5, damping_ratio=0.1)
+    robot = replace(robot if sagging else robot.with_straight_cables(), cable=soft)
+    response = CablePlatform(robot, robot.platform).move(
+        multisine([0, 0, 2, 0, 0, 0], [0.2] * 3 + [0.05] * 3, 5.0, harmonics=2)
+    )
+    times = np.linspace(0.1, 4.9, 40)
+    winches = Length.model_validate({"kind": "length"})
+    state = response.at(times)
+    read = predict(winches, robot, state, means(winches, robot.m))["length"]
+    # The shape for a tension and that for a length are two solutions of one cable.
+    np.testing.assert_allclose(read, response.feed(times), rtol=SOLVED)
+    whole = predict(winches, robot, replace(state, stretching=None), means(winches, robot.m))
+    assert np.abs(whole["length"] - read).max() > 1e-5
 
 
 @pytest.mark.parametrize("sagging", [False, True])

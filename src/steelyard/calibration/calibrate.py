@@ -38,7 +38,7 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.weighed_cells import WrongWeight
 from steelyard.inertia import Inertia, body_jacobian
-from steelyard.instruments.length import ROLLER, STRETCH
+from steelyard.instruments.length import CABLE_DAMPING, ROLLER, STRETCH
 from steelyard.robot.covariance import POINTS, names_of
 from steelyard.robot.model import Robot
 
@@ -377,11 +377,12 @@ class GeometryCalibration:
 
     def _errors(self) -> dict[str, Any]:
         """All calibration parameters in the shape of the contract; null where nothing is told of
-        stretch and rollers, which the file of the robot has.
+        stretch and rollers, which the file of the robot has, and of damping.
         """
         values, sigma = self.placed.values.copy(), self.parameter_deviations.copy()
         for place, entry, _ in self.found.parameters.components():
-            if entry.key in {STRETCH, ROLLER} and not self._told_errors[place]:
+            of_cables = entry.key in {STRETCH, ROLLER, CABLE_DAMPING}
+            if of_cables and not self._told_errors[place]:
                 values[place] = sigma[place] = np.nan
         return as_tree(self.experiment, self.reported, values, sigma)
 

@@ -56,6 +56,10 @@ def predict(
     known = {
         f.name: getattr(state, f.name) for f in fields(State) if getattr(state, f.name) is not None
     }
+    stretching = known.pop("stretching", None)
+    if stretching is not None and instrument.is_cable_motion:
+        # How long a cable is follows from what stretches it.
+        known["tension"] = stretching
     errors = tuple((key, tuple(np.ravel(value).tolist())) for key, value in calibration.items())
     return _prediction(instrument, robot, tuple(known), errors)(**known)
 

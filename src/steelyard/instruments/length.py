@@ -18,6 +18,12 @@ STRETCH = "stretch"
 """Key of the factor on the stretch of the cables."""
 ROLLER = "roller"
 """Key of what is added to the radii of the rollers."""
+CABLE_DAMPING = "damping"
+"""Key of the time by which the stretch of the cables lags behind their tension."""
+DAMPED = 0.02
+"""1-sigma of that time [s], taken where it is not stated: a tenth of critical damping of a platform
+that swings with 1.6 Hz on its ropes, or losses of fibre ropes of a twentieth of what they store, at
+.4 Hz."""
 
 
 class LengthCalibration(Calibration):
@@ -30,6 +36,11 @@ class LengthCalibration(Calibration):
     stretch: Prior = exact()
     """Factor on the stretch of all cables: 1 / EA over that of the robot file; not stated: 0.1 where
     tensions are read and the robot file has an axial stiffness, else exact."""
+    damping: Prior = exact()
+    """Two times by which the stretch of the cables lags behind their tension [s], a damping over a
+    stiffness each: of a stretch that changes as the tension does, and of one that is fed, which a
+    damper between winch and platform feels and a rope that is damped in itself does not. The stretch
+    is that of ``T - a T' - b T l'/l``. Not stated: 0.02 where the stretch is not exact, in motion."""
     roller: Prior = exact()
     """By how much the radius of each roller is larger than in the robot file [m]; default: exact."""
 
@@ -68,6 +79,16 @@ class Length(Instrument):
             Term("gain", m, "1", c.gain, nominal=1.0),
             Term(STRETCH, 1, "1", c.stretch, nominal=1.0, positive=True),
             Term(ROLLER, m, "m", c.roller),
+            self._damping,
+        )
+
+    @property
+    def _damping(self) -> Term:
+        """It acts on the tension at the time of a reading, not on the reading."""
+        stated = CABLE_DAMPING in self.calibration.model_fields_set
+        suspected = None if stated else DAMPED
+        return Term(
+            CABLE_DAMPING, 2, "s", self.calibration.damping, suspected=suspected, positive=True
         )
 
     def predict(

@@ -50,6 +50,9 @@ class State:
     """Where the cables are fixed in the world [m], shape (3, m); None: as the robot file has it."""
     attachments: Any = None
     """The same in the platform frame."""
+    stretching: Any = None
+    """Part of the tension that stretches the cables [N], shape (m,), the rest of it being their
+    damping; None: all of it."""
 
 
 def symbols(m: int, *, remembered: bool = False) -> State:

@@ -103,6 +103,7 @@ class ElasticMotion:
             tension=values["tension"],
             wrench=values["wrench"],
             gravity=self.model.robot.gravity,
+            stretching=values["stretching"],
         )
 
 
@@ -144,7 +145,7 @@ class CablePlatform:
         q = x[3:7] / ca.norm_2(x[3:7])
         R = rotations.from_quaternion(q)
         velocity, omega = x[7:10], x[10:13]
-        tensions, residuals, wrench = [], [], ca.SX.zeros(6)
+        tensions, stretching, residuals, wrench = [], [], [], ca.SX.zeros(6)
         for i, b in enumerate(self.robot.attachments):
             b = ca.DM(b)
             shape = cable.by_length(cable.spec(self.robot, i), x[:3] + R @ b, feed[i])
@@ -152,6 +153,7 @@ class CablePlatform:
             stretch_rate = -ca.dot(shape.direction, moving) - feed_rate[i]
             tension = shape.tension + self._damping(feed[i]) * stretch_rate
             tensions.append(tension)
+            stretching.append(shape.tension)
             residuals.append(shape.residual)
             wrench += structure_columns(R, b, shape.direction) * ca.fmax(tension, 0)
         # Eq. (1) is linear in the accelerations: its matrix is the derivative of the one statement
@@ -174,6 +176,7 @@ class CablePlatform:
             "specific_force": specific_force,
             "alpha": alpha,
             "tension": ca.vertcat(*tensions),
+            "stretching": ca.vertcat(*stretching),
             "wrench": wrench,
             "residual": ca.vertcat(*residuals),
         }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,8 +15,10 @@ from steelyard.experiment.model import Stream
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import TIME_CONSTANT, Term, is_absent
 from steelyard.instruments.equations import predict
+from steelyard.instruments.length import CABLE_DAMPING
 from steelyard.instruments.tension import PRESLIDING, rolled_along
 from steelyard.motion.state import State
+from steelyard.robot.kinematics import attachments_at
 from steelyard.robot.model import Robot
 from steelyard.simulation.disturbances import disturbed
 from steelyard.simulation.response import Response
@@ -24,7 +26,7 @@ from steelyard.simulation.response import Response
 _PAST = 4
 """Instants that stand for the past of a filtered reading."""
 _STEP = 0.002
-"""At which the rollers are followed [s]."""
+"""At which the rollers, and the lengths of cables that damp, are followed [s]."""
 _LATEST_START = 5.0
 """Clocks show an arbitrary time at the common event, up to this [s]."""
 
@@ -155,14 +157,60 @@ def _filtered(
     constant = float(np.squeeze(calibration.get(TIME_CONSTANT, 0.0)))
     if instrument.remembers:
         source = _Remembering(source, robot, float(np.squeeze(calibration[PRESLIDING])))
+    damping = calibration.get(CABLE_DAMPING, np.zeros(2))
+    if np.any(damping):
+        source = _Damping(source, robot, damping)
     if not constant:
         return dict(predict(instrument, robot, source.at(times), calibration))
     found: dict[str, Array] = {}
-    for node, weight in zip(*np.polynomial.laguerre.laggauss(_PAST), strict=True):
-        earlier = np.clip(times - constant * node, 0.0, source.duration)
+    for earlier, weight in _past(times, constant, source.duration):
         for key, value in predict(instrument, robot, source.at(earlier), calibration).items():
             found[key] = found.get(key, 0.0) + weight * value
     return found
+
+
+def _past(times: Array, constant: float, duration: float) -> Iterator[tuple[Array, float]]:
+    """Instants before times that stand for the past of a first-order filter [s], and their weights."""
+    for node, weight in zip(*np.polynomial.laguerre.laggauss(_PAST), strict=True):
+        yield np.clip(times - constant * node, 0.0, duration), float(weight)
+
+
+@dataclass(frozen=True)
+class _Damping:
+    """A response whose cables stretch as a first-order filter of their tensions, as a spring and a
+    damper beside each other do, and less where they are fed.
+    """
+
+    response: Response
+    robot: Robot
+    lags: Array
+    """See :class:`.LengthCalibration` [s], shape (2,)."""
+
+    @property
+    def duration(self) -> float:
+        """Length in time [s]."""
+        return self.response.duration
+
+    def at(self, times: Array) -> State:
+        """See :class:`.Response`."""
+        state = self.response.at(times)
+        if state.tension is None:
+            return state
+        stretching = np.zeros_like(state.tension)
+        for earlier, weight in _past(times, self.lags[0], self.duration):
+            past = self.response.at(earlier)
+            stretching += weight * (past.tension if past.stretching is None else past.stretching)
+        before, after = (
+            self._reach(np.clip(times + step, 0.0, self.duration)) for step in (-_STEP, _STEP)
+        )
+        fed = (after - before) / (after + before) / _STEP
+        return replace(state, stretching=stretching * (1 - self.lags[1] * fed))
+
+    def _reach(self, times: Array) -> Array:
+        """From the anchors to the platform [m], shape (n, m)."""
+        state = self.response.at(times)
+        points = attachments_at(state.position, state.rotation, self.robot)
+        return np.asarray(np.linalg.norm(self.robot.anchors - points, axis=-1))
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.interpolate import BSpline
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
@@ -28,7 +29,7 @@ from steelyard.identification.model.force_residuals import (
     sample_weight,
     whitened_balance,
 )
-from steelyard.identification.model.motion_segment import Reading, Segment
+from steelyard.identification.model.motion_segment import CarriedTensions, Reading, Segment
 from steelyard.identification.model.processes import Process, integrals_of, named
 from steelyard.identification.model.segment import POSE, spread
 from steelyard.identification.tally import Tally, limit
@@ -840,3 +841,87 @@ def test_their_variance_is_what_the_balance_leaves_of_the_noise(stretching):
         ]
         variance += ((ends[0] - ends[1]) / 2e-3) ** 2
     np.testing.assert_allclose(at.variance, variance, rtol=1e-4, atol=1e-4 * variance.max())
+
+
+# Ropes that damp
+
+
+def damped(frequency, *, slope=0.0):
+    """Tensions of two cables that swing [Hz] on a slope [N/s], with what they follow, none of it but
+    a gain."""
+    time, omega = np.linspace(0.0, 2.0, 201), 2 * np.pi * frequency
+    size = np.array([100.0, -60.0])
+    swing = np.outer(np.sin(omega * time), size)
+    values = 1000.0 + slope * time[:, None] + swing
+    none = np.zeros((len(time), 2, POSE))
+    rate = slope + omega * np.outer(np.cos(omega * time), size)
+    return time, CarriedTensions(
+        values,
+        *(none, none, none),
+        values[:, :, None],
+        np.array([3]),
+        np.ones_like(values),
+        rate,
+        -(omega**2) * swing,
+        0.02 * values,
+    )
+
+
+@pytest.mark.parametrize("frequency", [0.2, 1.0, 2.0])
+def test_ropes_that_damp_stretch_as_a_spring_beside_a_damper(frequency):
+    lag = 0.015
+    time, tensions = damped(frequency, slope=-30.0)
+    found = tensions.behind(np.array([lag, 0.0]), np.array([-1, -1]))
+
+    def shortfall(t, stretched):
+        pull = [np.interp(t, time, each) for each in tensions.values.T]
+        return (np.array(pull) - stretched) / lag
+
+    # From any beginning, which is forgotten within some time constants.
+    spring = solve_ivp(shortfall, (0.0, 2.0), tensions.values[0], t_eval=time, max_step=1e-3)
+    forgotten = time > 10 * lag
+    third_order = 100.0 * (2 * np.pi * frequency * lag) ** 3 + 0.05
+    assert np.abs(found.values - spring.y.T)[forgotten].max() < third_order
+    assert np.abs(found.values - tensions.values).max() > 3 * third_order
+    assert found.columns.tolist() == [3]
+
+
+def test_what_is_fed_takes_a_part_where_a_damper_spans_the_cable():
+    # The whole stretch T l / k obeys the equation of a spring beside a damper: with constant tension
+    # it is what is fed that changes it.
+    _, tensions = damped(0.0)
+    found = tensions.behind(np.array([0.015, 0.015]), np.array([-1, -1]))
+    np.testing.assert_allclose(found.values, tensions.values * (1 - 0.015 * 0.02))
+
+
+def test_both_lags_act_as_differences_show():
+    _, tensions = damped(0.7)
+    lags, columns = np.array([0.012, 0.005]), np.array([7, 8])
+    found = tensions.behind(lags, columns)
+    assert found.columns.tolist() == [3, 7, 8]
+    for i, step in enumerate(1e-6 * np.eye(2)):
+        ends = [tensions.behind(lags + sign * step, columns).values for sign in (1, -1)]
+        np.testing.assert_allclose(
+            found.by_border[:, :, 1 + i], (ends[0] - ends[1]) / 2e-6, rtol=1e-6, atol=1e-4
+        )
+    np.testing.assert_array_equal(found.by_border[:, :, 0], tensions.values)
+    (alone,) = {tensions.behind(lags, np.array([-1, 8])).by_border.shape[2]}
+    assert alone == 2
+
+
+def test_rates_of_tensions_are_those_of_lines_about_each_time():
+    found = Case(force="platform end", n=60)
+    at, time = followed(found), found.balance().time
+    for i in (0, 20, 59):
+        near = np.abs(time - time[i]) <= 0.1
+        near[max(i - 1, 0) : i + 2] = True
+        for rates, values in ((at.rate, at.values), (at.bend, at.rate)):
+            slope = np.polyfit(time[near] - time[i], values[near], 1)[0]
+            np.testing.assert_allclose(rates[i], slope, rtol=1e-6, atol=1e-6)
+    assert np.abs(at.feed).max() > 0
+
+
+def test_at_rest_nothing_lags():
+    at = followed(Case(force="platform end", static=True))
+    for rates in (at.rate, at.bend, at.feed):
+        assert not rates.any()

@@ -18,6 +18,7 @@ from steelyard.identification.model.calibration_parameters import CalibrationVal
 from steelyard.identification.model.motion_residuals import Border, motion_residuals
 from steelyard.identification.model.motion_segment import (
     PARTS,
+    CarriedTensions,
     Reading,
     Segment,
     jerk_matrices,
@@ -376,7 +377,57 @@ def test_every_error_of_a_motion_instrument_acts_on_its_readings(compared):
         silent |= static and key == "position" and "imu" in owner
         silent |= static and key == "misalignment" and owner == "still imu"
         silent |= key == "roller"  # cables leave from points
+        silent |= key == "damping"  # tensions are as they are given
         assert found != silent, (owner, key)
+
+
+def test_lengths_of_ropes_that_damp_follow_tensions_of_a_while_ago(rng):
+    case = CASES["in motion"]
+    robot = replace(POINTS, cable=replace(POINTS.cable, axial_stiffness=2e4))
+    experiment = replace(case.experiment, robot=robot)
+    winches = replace(case.segment.readings[-1], follows=True)
+    segment = replace(case.segment, readings=(winches,))
+    shape = (SAMPLES, 8)
+    tension, rate, bend, feed = (
+        size * rng.normal(size=shape) for size in (500.0, 300.0, 900.0, 100.0)
+    )
+    tension = 2000.0 + tension
+    none = np.zeros((*shape, POSE))
+    carried = CarriedTensions(
+        tension,
+        *(none, none, none),
+        np.zeros((*shape, 0)),
+        np.zeros(0, dtype=int),
+        np.zeros(shape),
+        rate,
+        bend,
+        feed,
+    )
+    place = case.calibration_parameters.places["winches", "damping", None]
+    columns = np.arange(len(case.calibration_parameters))
+
+    def rows(own, fed, at=carried):
+        values = case.calibration.values.copy()
+        values[place] = own, fed
+        calibration = CalibrationValues(case.calibration_parameters, values)
+        found, *_ = motion_residuals(
+            experiment, segment, calibration, columns, {}, Tally(), lambda times: at
+        )
+        return found
+
+    # As with the tensions that stretch, if all of them did.
+    stretching = tension - 0.02 * rate + 0.02**2 * bend - 0.01 * feed
+    at_once = rows(0.0, 0.0, replace(carried, values=stretching))
+    found = rows(0.02, 0.01)
+    np.testing.assert_allclose(found.residual, at_once.residual, rtol=1e-12)
+    assert np.abs(found.residual - rows(0.0, 0.0).residual).max() > 1e-3 / LARGE
+    own = np.flatnonzero(np.isin(found.columns, np.arange(place.start, place.stop)))
+    for i, step in zip(own, 1e-5 * np.eye(2), strict=True):
+        ahead, behind = (rows(*(np.array([0.02, 0.01]) + s * step)).residual for s in (1, -1))
+        expected = (ahead - behind) / 2e-5
+        np.testing.assert_allclose(
+            found.by_errors[:, :, i], expected, atol=1e-5 * np.abs(expected).max()
+        )
 
 
 def test_a_larger_noise_makes_smaller_rows():

@@ -23,7 +23,7 @@ from steelyard.identification.weighed_cells import WeighedCells, weighed_cells
 from steelyard.inertia import TEN
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import TIME_CONSTANT, Term
-from steelyard.instruments.length import ROLLER, STRETCH
+from steelyard.instruments.length import CABLE_DAMPING, DAMPED, ROLLER, STRETCH
 from steelyard.instruments.tension import CROSSTALK
 from steelyard.instruments.unread_cables import UnreadCables
 from steelyard.robot.covariance import POINTS
@@ -417,6 +417,8 @@ def gather(experiment: Experiment) -> CalibrationParameters:
             )
             if term.key == STRETCH and _may_stretch(experiment, instrument):
                 deviation = np.full(term.size, _STRETCHED)
+            if term.key == CABLE_DAMPING and _may_damp(experiment, name):
+                deviation = np.full(term.size, DAMPED)
             if name in weighed:
                 own = [w.run for w in experiment.weights if w.of == name]
                 for place in own if term.prior.per == "run" else [None]:
@@ -685,8 +687,21 @@ def _may_stretch(experiment: Experiment, instrument: Instrument) -> bool:
     """Whether nobody has stated how well the stiffness of the cables is known, and tensions tell how
     far they stretch; without these nobody knows.
     """
-    if STRETCH in instrument.calibration.model_fields_set:
+    return STRETCH not in instrument.calibration.model_fields_set and _stretches(experiment)
+
+
+def _may_damp(experiment: Experiment, name: str) -> bool:
+    """Whether nobody has stated how far the stretch of cables lags behind their tension, and these
+    are read in motion.
+    """
+    if CABLE_DAMPING in experiment.instruments[name].calibration.model_fields_set:
         return False
+    moving = any(name in run.streams and not run.static for run in experiment.runs)
+    return moving and _stretches(experiment)
+
+
+def _stretches(experiment: Experiment) -> bool:
+    """Whether cables stretch, and tensions tell how far."""
     forces = [experiment.force_instrument(run) for run in experiment.runs]
     read = any(
         name is not None and not isinstance(experiment.instruments[name], UnreadCables)

@@ -69,6 +69,9 @@ from steelyard.robot.model import DIRECTIONS
 
 BALANCE = "balance"
 """What the rows are of, beside the quantities of the instrument."""
+_SLOPE = 0.1
+"""Half the time over which the change of a tension is looked at [s]: noise of readings at 25 Hz leaves
+some newtons a second of it, and a platform that swings with 1.5 Hz on its ropes all but a tenth."""
 _TRAVEL_STEP = 1e-6
 """Step of a travel that shows how friction follows it [m]."""
 _ByParameters = Iterator[tuple[slice, Array]]
@@ -265,7 +268,8 @@ def carried_tensions(
 
     def at_times(times: Array) -> CarriedTensions:
         whole = balance_times(experiment, segment, forces, calibration)
-        first, last = np.searchsorted(whole, [times.min(), times.max()])
+        around = 0.0 if segment.static else _SLOPE
+        first, last = np.searchsorted(whole, [times.min() - around, times.max() + around])
         part = forces.part(slice(max(0, int(first) - 1), int(last) + 2))
         point = _point_of(experiment, segment, part, calibration, body, factors)
         return _interpolated(_carried_of(point, column_of, body), point.at.time, times)
@@ -316,15 +320,54 @@ def _carried_of(
     noise = np.zeros((n, m, at.noise.parts.shape[2]))
     noise[:, :, : at.noise.readings] = by_reading * np.where(unread, 0.0, sigmas)[:, None, :]
     noise += following_balance(at.noise.parts)
+    values = np.asarray(at.measured.values - np.einsum("nkj,nj->nk", K, at.left_over))
     return CarriedTensions(
-        np.asarray(at.measured.values - np.einsum("nkj,nj->nk", K, at.left_over)),
+        values,
         by_state,
         by_rate,
         by_acceleration,
         by_border,
         columns,
         np.asarray(np.sum(noise**2, axis=2)),
+        *_changes(point, values),
     )
+
+
+def _changes(point: _BalancePoint, tension: Array) -> tuple[Array, Array, Array]:
+    """How fast tensions change [N/s], how fast that does [N/s^2], and how fast they would change if
+    what is fed left the stretch as it is [N/s], shape (n, m) each; none at rest.
+    """
+    if point.segment.static:
+        still = np.zeros_like(tension)
+        return still, still, still
+    at, geometry = point.at, point.calibration.geometry
+    anchors, attachments = (geometry[f"{key}s"].reshape(-1, 3) for key in ("anchor", "attachment"))
+    turned = np.einsum("nij,mj->nmi", at.motion["rotation"], attachments)
+    length = np.linalg.norm(anchors - at.motion["position"][:, None] - turned, axis=2)
+    rate = _slopes(at.time, tension)
+    return rate, _slopes(at.time, rate), tension * _slopes(at.time, length) / length
+
+
+def _slopes(time: Array, values: Array) -> Array:
+    """How fast something changes, by lines through what was read about each time, shape (n, m).
+
+    Args:
+        time: Ascending [s], shape (n,).
+        values: Shape (n, m).
+    """
+    n = len(time)
+    if n < 2:
+        return np.zeros_like(values)
+    own = np.arange(n)
+    first = np.minimum(np.searchsorted(time, time - _SLOPE), np.maximum(own - 1, 0))
+    last = np.maximum(np.searchsorted(time, time + _SLOPE, side="right"), np.minimum(own + 2, n))
+    t, x = time - time.mean(), values - values.mean(axis=0)
+    sums = np.cumsum(np.column_stack([np.ones(n), t, t**2, x, t[:, None] * x]), axis=0)
+    sums = np.vstack([np.zeros(sums.shape[1]), sums])
+    count, by_t, by_square, rest = np.split(sums[last] - sums[first], [1, 2, 3], axis=1)
+    by_x, by_both = np.split(rest, 2, axis=1)
+    spread_ = by_square - by_t**2 / count
+    return np.asarray((by_both - by_t * by_x / count) / spread_)
 
 
 def _interpolated(found: CarriedTensions, own: Array, times: Array) -> CarriedTensions:
@@ -356,6 +399,9 @@ def _interpolated(found: CarriedTensions, own: Array, times: Array) -> CarriedTe
         derivative(found.by_border),
         found.columns,
         between(found.variance) * max(1.0, len(times) / len(own)),
+        derivative(found.rate),
+        derivative(found.bend),
+        derivative(found.feed),
     )
 
 

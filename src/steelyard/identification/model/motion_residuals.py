@@ -39,6 +39,7 @@ from steelyard.identification.model.sources import Source
 from steelyard.identification.tally import Tally, limit, robust_weight
 from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.equations import linearised, without_effect
+from steelyard.instruments.length import CABLE_DAMPING
 
 AT_ONCE = 16384
 """Samples whose rows are held at once."""
@@ -273,7 +274,8 @@ def _of_reading(
         sigma = np.hypot(sigma, reading.late[part])
     followed: _CorrectedTensions | None = None
     if carried is not None and reading.follows:
-        followed = _CorrectedTensions(carried, sigma)
+        stretching = _stretching(carried, calibration, name, segment.run, column_of)
+        followed = _CorrectedTensions(stretching, sigma)
     times, local, motion, linear = looked_at(
         experiment, segment, reading, part, calibration, references, followed, seen
     )
@@ -360,6 +362,26 @@ def _of_reading(
         columns,
         label,
     )
+
+
+def _stretching(
+    carried: Carried,
+    calibration: CalibrationValues,
+    name: str,
+    run: str,
+    column_of: NDArray[np.intp],
+) -> Carried:
+    """Tensions by which cables stretch as an instrument reads them: their damping takes a part."""
+    try:
+        place = calibration.calibration_parameters.place(name, CABLE_DAMPING, run)
+    except KeyError:
+        return carried
+    lags, columns = calibration.values[place], column_of[place]
+
+    def at_times(times: Array) -> CarriedTensions:
+        return carried(times).behind(lags, columns)
+
+    return at_times
 
 
 class _CorrectedTensions:

@@ -89,6 +89,33 @@ class CarriedTensions:
     """Which these are, shape (c,)."""
     variance: Array
     """What noise of the force readings leaves of them [N^2], shape (n, m)."""
+    rate: Array
+    """How fast they change [N/s], shape (n, m)."""
+    bend: Array
+    """How fast that changes [N/s^2], shape (n, m)."""
+    feed: Array
+    """How fast tensions would change by what is fed if that left the stretch as it is [N/s], shape
+    (n, m)."""
+
+    def behind(self, lags: Array, columns: NDArray[np.intp]) -> CarriedTensions:
+        """Those by which cables stretch that damp: a first-order filter of the tensions, which change
+        slowly within its time constant.
+
+        How the rates follow the motion is of no account: by a hundredth of what the tensions do.
+
+        Args:
+            lags: See :class:`.LengthCalibration` [s], shape (2,).
+            columns: Which border parameters these are, shape (2,); -1: none.
+        """
+        own, fed = lags
+        by_lags = np.stack([2 * own * self.bend - self.rate, -self.feed], axis=2)
+        use = columns >= 0
+        return replace(
+            self,
+            values=self.values - own * self.rate + own**2 * self.bend - fed * self.feed,
+            by_border=np.concatenate([self.by_border, by_lags[:, :, use]], axis=2),
+            columns=np.concatenate([self.columns, columns[use]]),
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,7 @@ from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import TEN, body_jacobian
 from steelyard.instruments.base import TIME_CONSTANT
+from steelyard.instruments.length import CABLE_DAMPING
 
 
 @dataclass(frozen=True)
@@ -236,6 +237,7 @@ def _proposal(owner: str, key: str) -> str:
         "common_gain": (
             f"check the unit and the calibration of the force sensors, or state a larger {where}"
         ),
+        CABLE_DAMPING: f"ropes seem to damp by more than is usual; state a larger {where}",
         "friction": f"check this roller, its bearing and its swivel, or state a larger {where}",
         "offset": f"check the zero of this sensor, or state a larger {where}",
         TIME_CONSTANT: (
