@@ -1,6 +1,8 @@
 """Readings beside what the fit says they should have been: by the motion that the fit tells, and by
 chance."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from recordings import write_small
@@ -12,7 +14,12 @@ from steelyard.identification.identify import identify
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.residuals import PLATFORM, residuals
+from steelyard.instruments import Length
+from steelyard.robot.file import read_robot
 from steelyard.robot.kinematics import cables_at
+from steelyard.simulation.sensors import Sensors, paper_sensors
+from steelyard.simulation.simulate import simulate
+from steelyard.simulation.trajectories import feasible_multisine
 
 pytestmark = pytest.mark.integration
 
@@ -135,3 +142,27 @@ def test_measured_wrench_is_that_of_the_cables(experiment):
     structure = cables_at(robot, samples.position, samples.rotation, tension).structure
     wrench = np.hstack([readings[PLATFORM, name].measured for name in ("force", "torque")])
     np.testing.assert_allclose(np.einsum("nkm,nm->nk", structure, tension), wrench, atol=1e-6)
+
+
+def test_lengths_are_beside_what_ropes_that_damp_have_been_stretched_to():
+    robot = read_robot("cogiro").with_straight_cables()
+    rope = replace(robot.cable, axial_stiffness=1e5, damping_ratio=0.2)
+    robot = replace(robot, cable=rope, pulley_radius=np.zeros(robot.m))
+    own = dict(paper_sensors(robot).instruments)
+    del own["command"]
+    own["cables"] = own["cables"].model_copy(update={"noise": 0.5})
+    own["lengths"] = Length.model_validate(
+        {"kind": "length", "noise": 1e-4, "rate": 25.0, "clock": "recorder"}
+    )
+    motion = {"move": feasible_multisine(robot, 10.0)}
+    experiment = simulate(robot, motion, Sensors(own), seed=11).experiment
+    identification = identify(experiment, [MaximumLikelihood()])
+    estimate = identification.estimates[identification.result]
+    assert estimate.verdict.accepted
+    damping = estimate.calibration["lengths"]["damping"]
+    assert damping["value"][0] > 5 * damping["standard_deviation"][0]
+    readings = residuals(
+        identification.recorded, identification.posterior, estimate.body.parameters
+    )
+    (lengths,) = (each for each in readings if each.instrument == "lengths")
+    assert np.sqrt(np.nanmean((lengths.residual / lengths.sigma) ** 2)) < 1.5

@@ -7,7 +7,7 @@ once more.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,10 +19,13 @@ from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.balance import Balance, Forces, balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
+from steelyard.identification.model.force_residuals import carried_tensions
 from steelyard.identification.model.motion_residuals import (
     AT_ONCE,
+    Carried,
     looked_at,
     reference_clocks,
+    stretching,
 )
 from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.sources import Source
@@ -90,8 +93,7 @@ def residuals(
             continue
         if not all(forces.guessed.all() for _, forces in own):
             yield from _forces(experiment, run, own, state)
-        segments = [segment for segment, _ in own]
-        yield from _motion(experiment, run, segments, state.calibration, state.factors)
+        yield from _motion(experiment, run, own, state)
 
 
 def of_samples(
@@ -198,21 +200,31 @@ def _wrench(
 def _motion(
     experiment: Experiment,
     run: Run,
-    segments: list[Segment],
-    calibration: CalibrationValues,
-    levels: Mapping[Source, float],
+    segments: list[tuple[Segment, Forces]],
+    state: FitState,
 ) -> Iterator[Residuals]:
     """Readings of the motion instruments, each quantity over all segments of the run."""
-    found: dict[Source, list[tuple[Segment, Reading]]] = {}
-    for segment in segments:
+    calibration, levels = state.calibration, state.factors
+    nowhere = np.full(len(calibration.calibration_parameters), -1)
+    found: dict[Source, list[tuple[Segment, Reading, Carried | None]]] = {}
+    for segment, forces in segments:
+        carried = carried_tensions(
+            experiment, segment, forces, calibration, nowhere, state.parameters, levels
+        )
         for reading in segment.readings:
-            found.setdefault(reading.source, []).append((segment, reading))
+            pulling = None
+            if carried is not None and reading.follows:
+                name = reading.source[0]
+                pulling = stretching(carried, calibration, name, segment.run, nowhere)
+            found.setdefault(reading.source, []).append((segment, reading, pulling))
     for (name, quantity), own in found.items():
         instrument = experiment.instruments[name]
-        time = np.concatenate([_common(experiment, a, calibration, name, r.time) for a, r in own])
-        residual = np.concatenate([_residual(experiment, a, r, calibration) for a, r in own])
-        values = np.concatenate([r.values for _, r in own])
-        segment, reading = own[0]
+        time = np.concatenate(
+            [_common(experiment, a, calibration, name, r.time) for a, r, _ in own]
+        )
+        residual = np.concatenate([_residual(experiment, a, r, calibration, t) for a, r, t in own])
+        values = np.concatenate([r.values for _, r, _ in own])
+        segment, reading, _ = own[0]
         k = residual.shape[1]
         sigma = np.full(k, reading.sigma * levels.get(segment.label(name, quantity), 1.0))
         if values.ndim == 3:
@@ -238,7 +250,11 @@ def _motion(
 
 
 def _residual(
-    experiment: Experiment, segment: Segment, reading: Reading, calibration: CalibrationValues
+    experiment: Experiment,
+    segment: Segment,
+    reading: Reading,
+    calibration: CalibrationValues,
+    pulling: Carried | None,
 ) -> Array:
     """Measured less predicted, NaN where nothing was read or the segment has no motion, shape (n,
     k).
@@ -247,7 +263,13 @@ def _residual(
     parts = []
     for start in range(0, len(reading.time), AT_ONCE):
         times, _, _, linear = looked_at(
-            experiment, segment, reading, slice(start, start + AT_ONCE), calibration, references
+            experiment,
+            segment,
+            reading,
+            slice(start, start + AT_ONCE),
+            calibration,
+            references,
+            pulling,
         )
         inside = np.ones(len(times), dtype=bool) if segment.static else segment.holds(times)
         parts.append(np.where(inside[:, None], linear["residual"], np.nan))

@@ -274,8 +274,8 @@ def _of_reading(
         sigma = np.hypot(sigma, reading.late[part])
     followed: _CorrectedTensions | None = None
     if carried is not None and reading.follows:
-        stretching = _stretching(carried, calibration, name, segment.run, column_of)
-        followed = _CorrectedTensions(stretching, sigma)
+        pulling = stretching(carried, calibration, name, segment.run, column_of)
+        followed = _CorrectedTensions(pulling, sigma)
     times, local, motion, linear = looked_at(
         experiment, segment, reading, part, calibration, references, followed, seen
     )
@@ -364,14 +364,22 @@ def _of_reading(
     )
 
 
-def _stretching(
+def stretching(
     carried: Carried,
     calibration: CalibrationValues,
     name: str,
     run: str,
     column_of: NDArray[np.intp],
 ) -> Carried:
-    """Tensions by which cables stretch as an instrument reads them: their damping takes a part."""
+    """Tensions by which cables stretch as an instrument reads them: their damping takes a part.
+
+    Args:
+        carried: All of the tensions.
+        calibration: Present values of the systematic errors.
+        name: Of the instrument.
+        run: In which it reads.
+        column_of: Column of each systematic error in the border; -1: not there; shape (u,).
+    """
     try:
         place = calibration.calibration_parameters.place(name, CABLE_DAMPING, run)
     except KeyError:
