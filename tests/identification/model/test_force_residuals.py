@@ -25,6 +25,7 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.model.force_residuals import (
     BALANCE,
+    _slopes,
     carried_tensions,
     sample_weight,
     whitened_balance,
@@ -919,6 +920,15 @@ def test_rates_of_tensions_are_those_of_lines_about_each_time():
             slope = np.polyfit(time[near] - time[i], values[near], 1)[0]
             np.testing.assert_allclose(rates[i], slope, rtol=1e-6, atol=1e-6)
     assert np.abs(at.feed).max() > 0
+
+
+def test_samples_of_one_instant_tell_no_rate():
+    time = np.array([0.0, 0.04, 0.08, 0.12, 0.16, 1.2, 1.2])
+    found = _slopes(time, 5.0 + np.outer(time, [3.0, -2.0]))
+    np.testing.assert_allclose(found[:5], np.tile([3.0, -2.0], (5, 1)), rtol=1e-9)
+    assert np.isfinite(found).all()
+    assert not _slopes(np.zeros(1), np.ones((1, 2))).any()
+    assert not _slopes(np.zeros(2), np.array([[1.0], [4.0]])).any()
 
 
 def test_at_rest_nothing_lags():

@@ -72,6 +72,8 @@ BALANCE = "balance"
 _SLOPE = 0.1
 """Half the time over which the change of a tension is looked at [s]: noise of readings at 25 Hz leaves
 some newtons a second of it, and a platform that swings with 1.5 Hz on its ropes all but a tenth."""
+_INSTANT = 1e-4
+"""Samples closer than this are of one instant [s]: means of dense streams are a millisecond apart."""
 _TRAVEL_STEP = 1e-6
 """Step of a travel that shows how friction follows it [m]."""
 _ByParameters = Iterator[tuple[slice, Array]]
@@ -366,8 +368,11 @@ def _slopes(time: Array, values: Array) -> Array:
     sums = np.vstack([np.zeros(sums.shape[1]), sums])
     count, by_t, by_square, rest = np.split(sums[last] - sums[first], [1, 2, 3], axis=1)
     by_x, by_both = np.split(rest, 2, axis=1)
-    spread_ = by_square - by_t**2 / count
-    return np.asarray((by_both - by_t * by_x / count) / spread_)
+    width = by_square - by_t**2 / count
+    # Samples of one instant tell no rate.
+    apart = width > _INSTANT**2
+    slopes = (by_both - by_t * by_x / count) / np.where(apart, width, 1.0)
+    return np.asarray(np.where(apart, slopes, 0.0))
 
 
 def _interpolated(found: CarriedTensions, own: Array, times: Array) -> CarriedTensions:
