@@ -435,6 +435,7 @@ def _cut(
     force_samples = tuple(each for each in task.force_samples if each is not None)
     contacts = {run: list(each) for run, each in begun.touched.items()}
     spikes: dict[str, int] = {}
+    first = state
     for turn in range(settings.cuts):
         task = replace(task, force_samples=force_samples)
         found = fit(
@@ -443,7 +444,8 @@ def _cut(
             lambda part: tell("motion and forces", 0.5 + 0.3 * part),
             levels=levels,
         )
-        state = found.state
+        # What has not arrived is no better a beginning than that which it had.
+        state = found.state if found.converged else first
         fitted = Fitted(task, found, begun.motion, force_samples, begun.lost, contacts, spikes)
         # What does not arrive may do without what touched the platform; once more it does not.
         last = turn == settings.cuts - 1 or (levels and turn > 0 and not found.converged)
@@ -451,9 +453,9 @@ def _cut(
             # What is to be followed more closely need not be looked at for what stands out of it.
             break
         looked = [
-            look(at, forces, forces.sigmas(segment, state.factors), settings)
+            look(at, forces, forces.sigmas(segment, found.state.factors), settings)
             for segment, at, forces in zip(
-                state.segments, fitted.balances, force_samples, strict=True
+                found.state.segments, fitted.balances, force_samples, strict=True
             )
         ]
         if not any(each.changed for each in looked):
