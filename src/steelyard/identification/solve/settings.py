@@ -131,6 +131,12 @@ class FitSettings:
     """That make a contact."""
     most_cut: float = 0.25
     """Part of a run beyond which contacts are not cut: what is the rule is no exception."""
+    slack: float = 0.02
+    """Tension of a cable that nobody reads, as a part of all tensions, below which it may be slack:
+    motion capture tells it to a hundredth."""
+    slack_margin: float = 0.1
+    """What is left out before and after a cable is slack [s]: the knots on either side of a jerk; with
+    half of it the 1-sigma of the body are still too small by half."""
     hand_window: float = 0.25
     """Over which the residual of a swing without force sensors is averaged [s]: shorter than a push,
     longer than noise of the motion goes on."""
