@@ -15,7 +15,11 @@ from simulated import EXACT, ROBOT
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.banded import banded_product
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
-from steelyard.identification.model.motion_residuals import Border, motion_residuals
+from steelyard.identification.model.motion_residuals import (
+    Border,
+    _lateness_whitener,
+    motion_residuals,
+)
 from steelyard.identification.model.motion_segment import (
     PARTS,
     CarriedTensions,
@@ -739,3 +743,16 @@ def test_many_that_stand_a_little_too_far_are_beyond_noise():
     tally = Tally()
     tally.add(("tracker", "position"), size, robust_weight(size, 1), 1)
     assert tally.is_beyond_noise(("tracker", "position"))
+
+
+def test_a_late_stamp_is_late_for_all_channels(rng):
+    late = rng.normal(scale=2.0, size=(5, 3))
+    late[0] = 0.0
+    late[1, 2] = 0.0
+    found = _lateness_whitener(late)
+    for whitener, each in zip(found, late, strict=True):
+        covariance = np.eye(3) + np.outer(each, each)
+        np.testing.assert_allclose(whitener @ covariance @ whitener, np.eye(3), atol=1e-12)
+    # What is across the motion is known as well as without it, and a missing channel stays alone.
+    np.testing.assert_array_equal(found[0], np.eye(3))
+    np.testing.assert_allclose(found[1][2], [0.0, 0.0, 1.0])

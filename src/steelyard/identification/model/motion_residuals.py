@@ -270,10 +270,10 @@ def _of_reading(
     instrument = experiment.instruments[name]
     label = segment.label(*reading.source)
     sigma: float | Array = reading.sigma * factors.get(label, 1.0)
-    if reading.late is not None:
-        sigma = np.hypot(sigma, reading.late[part])
     followed: _CorrectedTensions | None = None
     if carried is not None and reading.follows:
+        if reading.late is not None:
+            sigma = np.hypot(sigma, reading.late[part])
         pulling = stretching(carried, calibration, name, segment.run, column_of)
         followed = _CorrectedTensions(pulling, sigma)
     times, local, motion, linear = looked_at(
@@ -307,6 +307,10 @@ def _of_reading(
         border.extend(tensions.columns, slope @ tensions.by_border)
         sigma = followed.deviation(slope)
         residual = np.where(there, found, 0.0) / sigma
+    late = None
+    if reading.late is not None and followed is None:
+        late = _lateness_whitener(np.where(there, reading.late[part] / sigma, 0.0))
+        residual = np.einsum("nij,nj->ni", late, residual)
     nothing = without_effect(instrument, reading.source[1], experiment.robot)
     column = 0
     if "by_errors" not in nothing:
@@ -352,13 +356,17 @@ def _of_reading(
         whole[:, :, : by_state[0].shape[2]] = by_state[0]
         whole[:, :, POSE:] += by_processes
         by_state = whole, *by[1:]
-    root = np.sqrt(weight)
-    scale = (np.broadcast_to(root, residual.shape) / sigma)[:, :, None]
+    root, deviation = np.sqrt(weight), np.broadcast_to(sigma, residual.shape)[:, :, None]
+
+    def whitened(jacobian: Array) -> Array:
+        by_noise = jacobian / deviation
+        return np.asarray(root[:, :, None] * (by_noise if late is None else late @ by_noise))
+
     return Rows(
         local.first,
         root * residual,
-        spread(local, *(j * scale for j in by_state), block=segment.block),
-        by_errors * scale,
+        spread(local, *(whitened(each) for each in by_state), block=segment.block),
+        whitened(by_errors),
         columns,
         label,
     )
@@ -390,6 +398,22 @@ def stretching(
         return carried(times).behind(lags, columns)
 
     return at_times
+
+
+def _lateness_whitener(late: Array) -> Array:
+    """What makes noise white that all channels of a sample share, beside noise of their own: one
+    stamp is late for all of them, so that only one direction of them is worse known.
+
+    Args:
+        late: What one 1-sigma of it makes of each channel, in 1-sigma of their own noise, shape
+            (n, k).
+
+    Returns:
+        The symmetric inverse root of I + u u^T for each sample's u, shape (n, k, k).
+    """
+    square = np.sum(late**2, axis=1)[:, None, None]
+    outer = late[:, :, None] * late[:, None, :] / np.maximum(square, 1e-300)
+    return np.asarray(np.eye(late.shape[1]) - (1 - 1 / np.sqrt(1 + square)) * outer)
 
 
 class _CorrectedTensions:

@@ -61,7 +61,8 @@ class Reading:
     tension: Array | None = None
     """Of the cables [N], for instruments that look at these too, shape (n, m)."""
     late: Array | None = None
-    """1-sigma that time stamps which scatter add to each number, shape (n, k); None: none."""
+    """What one 1-sigma of time stamps that scatter makes of each number, the same stamp of all
+    channels, shape (n, k); None: nothing."""
     follows: bool = False
     """Whether these tensions are those of :class:`CarriedTensions` wherever forces are fitted, so
     that all which is uncertain about them is in the lengths too."""

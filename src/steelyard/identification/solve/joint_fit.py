@@ -1,9 +1,9 @@
 """Everything at once: motion, body and every systematic error, from the raw readings at their own
 times.
 
-Gauss-Newton on a banded matrix with a border, with shorter steps where it does not descend. Noise
-levels that are not stated (:mod:`.noise_levels`), and how smooth the motion is, are found on the
-way.
+Gauss-Newton on a banded matrix with a border; where it does not descend, the border is held back
+[Marquardt1963]_. Noise levels that are not stated (:mod:`.noise_levels`), and how smooth the motion
+is, are found on the way.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.smoothness import smoothness
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise, smooth
@@ -27,13 +28,24 @@ from steelyard.identification.solve.noise_levels import (
     spent_by,
 )
 from steelyard.identification.solve.settings import FitSettings
+from steelyard.identification.tally import Tally
 
 
 class _Accepted(NamedTuple):
     """A state from which the cost fell."""
 
     state: FitState
+    equations: tuple[NormalEquations, ...]
     step: NewtonStep
+    cost: float
+
+
+class _Evaluated(NamedTuple):
+    """All readings about a state."""
+
+    state: FitState
+    equations: tuple[NormalEquations, ...]
+    tally: Tally
     cost: float
 
 
@@ -59,13 +71,13 @@ def fit(
     """
     settings = task.settings
     accepted: _Accepted | None = None
-    share = 1.0
+    share, reach = 1.0, np.inf
     uphill = 0
-    converged = searched = False
+    converged = searched = shortened = False
     ratios: dict[Source, float] = {}
     unstated = UnstatedNoise.of(task, state)
     many = sum(segment.coefficients.size for segment in state.segments)
-    turn = 0
+    turn, origin = 0, state
     for turn in range(settings.iterations_beginning if beginning else settings.iterations):
         parts, tally = linearise(task, state)
         readings = [each.all for each in parts]
@@ -73,21 +85,25 @@ def fit(
         if accepted is not None and not cost < accepted.cost + _rise(accepted, settings):
             if uphill < settings.uphill:
                 uphill += 1
-                state = step_of(task, state, smooth(state, readings)).along(task, state, 1.0)
+                onwards = step_of(task, state, smooth(state, readings), reach=reach)
+                state = onwards.along(task, state, 1.0)
                 continue
-            uphill = 0
+            uphill, shortened = 0, True
             if share < settings.least_share:
-                state = accepted.state
                 break
             # The direction descends, if not as far as it seemed.
-            share *= settings.shorter
+            accepted, reach, share = _shorter(task, accepted, share)
             state = accepted.step.along(task, accepted.state, share)
             continue
-        uphill = 0
+        if accepted is not None and not shortened:
+            reach = _reach_after(accepted, cost, reach, settings)
+        uphill, shortened = 0, False
+        if reach < settings.least_share:
+            break
         equations = smooth(state, readings)
         step = step_of(task, state, equations)
         settled, factors = True, state.factors
-        if step.decrement < many:
+        if step.decrement < many and step.length <= reach:
             # Noise and smoothness, once the residual is no longer that of a wrong motion.
             enough = settings.beginning_arrived if beginning else settings.arrived
             arrived = step.constant < settings.border_arrived and step.decrement < enough
@@ -113,11 +129,18 @@ def fit(
             if converged:
                 break
         last = accepted
+        held = step_of(task, state, equations, reach=reach) if step.length > reach else step
         # A cost in other units is no measure of the step.
-        accepted = _Accepted(state, step, cost) if settled else None
-        share = _pace(last.step, step, share, settings) if last and accepted else 1.0
-        state = replace(step.along(task, state, share), factors=factors)
+        accepted = _Accepted(state, equations, held, cost) if settled else None
+        alike = last is not None and accepted is not None and held is step and np.isinf(reach)
+        share = _pace(last.step, step, share, settings) if last and alike else 1.0
+        reach = np.inf if held is step else reach
+        origin = replace(state, factors=factors)
+        state = held.along(task, origin, share)
         tell(min(0.95, turn / 8))
+    if not converged:
+        state, equations, tally, _ = _lower(_about(task, state), _about(task, origin), settings)
+        step = step_of(task, state, equations)
     ratios = ratios or ratios_of(task, spent_by(equations), tally)
     return Fit(
         state,
@@ -130,6 +153,42 @@ def fit(
         task.stated,
         first_sigmas(task, state),
     )
+
+
+def _shorter(task: Task, accepted: _Accepted, share: float) -> tuple[_Accepted, float, float]:
+    """A shorter step from where the cost fell, how far it reaches and the share of it to take.
+
+    First the border is held back; a border that hardly moves leaves the motion, of which a part is
+    taken then.
+    """
+    settings = task.settings
+    reach = settings.shorter * share * accepted.step.length
+    step = step_of(task, accepted.state, accepted.equations, reach=reach)
+    if reach < settings.least_reach:
+        return accepted._replace(step=step), reach, settings.shorter * share
+    return accepted._replace(step=step), reach, 1.0
+
+
+def _reach_after(last: _Accepted, cost: float, reach: float, settings: FitSettings) -> float:
+    """How far the next step may go after one that has kept so much of its promise."""
+    kept = (last.cost - cost) / max(last.step.promised, 1e-300)
+    if kept > settings.well_kept:
+        return settings.farther * reach
+    return reach if kept > settings.badly_kept else reach / settings.farther
+
+
+def _about(task: Task, state: FitState) -> _Evaluated:
+    """Linearise all readings about a state, with the smoothness of its motion."""
+    parts, tally = linearise(task, state)
+    equations = smooth(state, [each.all for each in parts])
+    return _Evaluated(state, equations, tally, tally.cost + _prior_cost(task, state))
+
+
+def _lower(last: _Evaluated, origin: _Evaluated, settings: FitSettings) -> _Evaluated:
+    """Where a fit ends that has not arrived: nobody has looked at where its last step leads, and
+    that may be far uphill of where the step set out from.
+    """
+    return last if last.cost < origin.cost * (1 + settings.same_cost) else origin
 
 
 def _rise(accepted: _Accepted, settings: FitSettings) -> float:

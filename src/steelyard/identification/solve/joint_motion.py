@@ -38,6 +38,7 @@ from steelyard.identification.solve.misfits.disturbances import as_noise, with_d
 from steelyard.identification.solve.misfits.hands import touching, without
 from steelyard.identification.solve.misfits.jitter import with_jitter, with_jitter_found
 from steelyard.identification.solve.misfits.outliers import look
+from steelyard.identification.solve.misfits.slack_cables import around, in_words, slack_cables
 from steelyard.identification.solve.misfits.suspicions import (
     with_suspicions,
     without_needless,
@@ -109,13 +110,13 @@ def fit_readings(readings: Readings, begun: Beginning, tell: Tell) -> Fitted:
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
-    readings, begun = _without_hands(readings, begun)
+    readings, begun = _undisturbed(readings, begun)
     found = _fitted(readings, begun, tell, {})
     if vibrations := _vibrations(readings, found):
         tell("following a vibration", 0.4)
         readings = _finer(readings, vibrations)
         begun = with_body(readings, _again(readings, found, vibrations))
-        readings, begun = _without_hands(readings, begun)
+        readings, begun = _undisturbed(readings, begun)
         found = _fitted(readings, begun, tell, vibrations)
     found = _as_forces_ask(readings, found, tell)
     tell("what nothing explains", 0.8)
@@ -133,6 +134,44 @@ def fit_readings(readings: Readings, begun: Beginning, tell: Tell) -> Fitted:
         found = replace(found, task=task, fit=own)
     # Gains that were far off then have stretched cables by what they do not.
     return _seen_with_tensions(found, _SAME_TENSION)
+
+
+def _undisturbed(readings: Readings, begun: Beginning) -> tuple[Readings, Beginning]:
+    """Readings and first body without what slack cables and hands do to a platform whose cables
+    nobody reads.
+    """
+    return _without_hands(*_without_slack(readings, begun))
+
+
+def _without_slack(readings: Readings, begun: Beginning) -> tuple[Readings, Beginning]:
+    """Readings and first body without the stretches in which a cable is slack."""
+    state, notes, records = begun.state, list(begun.lost), []
+    assert state.parameters is not None
+    segments = iter(state.segments)
+    for record in readings.records:
+        force_samples = []
+        for forces in record.force_samples:
+            segment = next(segments)
+            if not segment.static and forces.guessed.all():
+                at = balance_of(
+                    readings.experiment,
+                    segment,
+                    forces,
+                    state.calibration,
+                    state.parameters,
+                    state.factors,
+                )
+                slack = slack_cables(at, forces, readings.settings)
+                if slack.any():
+                    forces = without(forces, at, around(at.time, slack, readings.settings))
+                    notes.append(in_words(segment.run, slack, float(forces.touched.mean())))
+            force_samples.append(forces)
+        records.append(replace(record, force_samples=tuple(force_samples)))
+    if len(notes) == len(begun.lost):
+        return readings, begun
+    readings = replace(readings, records=tuple(records))
+    anew = replace(begun, state=replace(state, parameters=None))
+    return readings, replace(with_body(readings, anew), lost=list(dict.fromkeys(notes)))
 
 
 def _without_hands(readings: Readings, begun: Beginning) -> tuple[Readings, Beginning]:
@@ -203,7 +242,7 @@ def _as_forces_ask(readings: Readings, found: Fitted, tell: Tell) -> Fitted:
         if not _explain(begun, found):
             break
         tell("following what the forces resolve", 0.5)
-        finer, begun = _without_hands(finer, begun)
+        finer, begun = _undisturbed(finer, begun)
         tried = _fitted(finer, begun, tell, {})
         if not tried.fit.converged or _force_level(tried) >= _force_level(found):
             break
@@ -435,6 +474,7 @@ def _cut(
     force_samples = tuple(each for each in task.force_samples if each is not None)
     contacts = {run: list(each) for run, each in begun.touched.items()}
     spikes: dict[str, int] = {}
+    first = state
     for turn in range(settings.cuts):
         task = replace(task, force_samples=force_samples)
         found = fit(
@@ -443,7 +483,8 @@ def _cut(
             lambda part: tell("motion and forces", 0.5 + 0.3 * part),
             levels=levels,
         )
-        state = found.state
+        # What has not arrived is no better a beginning than that which it had.
+        state = found.state if found.converged else first
         fitted = Fitted(task, found, begun.motion, force_samples, begun.lost, contacts, spikes)
         # What does not arrive may do without what touched the platform; once more it does not.
         last = turn == settings.cuts - 1 or (levels and turn > 0 and not found.converged)
@@ -451,9 +492,9 @@ def _cut(
             # What is to be followed more closely need not be looked at for what stands out of it.
             break
         looked = [
-            look(at, forces, forces.sigmas(segment, state.factors), settings)
+            look(at, forces, forces.sigmas(segment, found.state.factors), settings)
             for segment, at, forces in zip(
-                state.segments, fitted.balances, force_samples, strict=True
+                found.state.segments, fitted.balances, force_samples, strict=True
             )
         ]
         if not any(each.changed for each in looked):

@@ -13,6 +13,11 @@ from steelyard.identification.solve.fit_state import FitState, Task
 from steelyard.identification.solve.normal_equations import weak_directions
 from steelyard.inertia import TEN
 
+_RANGE = 40.0
+"""Of the logarithm of how firmly a step is held, beyond which it is as good as not held."""
+_HALVINGS = 20
+"""Of this range: to a ten thousandth."""
+
 
 @dataclass(frozen=True, eq=False)
 class NewtonStep:
@@ -28,6 +33,10 @@ class NewtonStep:
     """The part of it that the border brings."""
     covariance: Array
     """Of the border."""
+    promised: float
+    """By how much the cost should fall with this step: less than the decrement where it is held back."""
+    length: float
+    """Of the border's step, in plausible sizes and prior 1-sigma: the largest of its parts."""
 
     def along(self, task: Task, state: FitState, share: float) -> FitState:
         """A state so much of the step further."""
@@ -59,8 +68,12 @@ def step_of(
     follow: Sequence[NormalEquations] | None = None,
     further: Array | float = 0.0,
     least: float | None = None,
+    reach: float = np.inf,
 ) -> NewtonStep:
-    """Step of Gauss and Newton.
+    """Step of Gauss and Newton, or one that is held back [Marquardt1963]_.
+
+    What is known badly may step far, beyond where the equations hold; held back, it stays where it is
+    while what is known well goes on.
 
     Args:
         task: What is fitted.
@@ -70,6 +83,7 @@ def step_of(
         further: What is added to the gradient by the border, shape (b,).
         least: Information in units of plausible sizes below which directions of the ten are held at
             zero; None: all move that the data tell anything of.
+        reach: How far the border may go, in plausible sizes and prior 1-sigma.
     """
     reduced = [each.reduced() for each in equations]
     information = np.sum([matrix for matrix, _ in reduced], axis=0)
@@ -81,15 +95,44 @@ def step_of(
         held, _ = weak_directions(matrix, np.zeros((TEN, TEN)), np.ones(TEN), task.settings, least)
         matrix[:TEN, :TEN] += held
         right[:TEN] -= held @ (state.parameters / task.sizes)
-    inverse = np.linalg.inv((matrix + matrix.T) / 2)
-    step, gained = scale * (inverse @ right), float(right @ inverse @ right)
+    matrix = (matrix + matrix.T) / 2
+    inverse = np.linalg.inv(matrix)
+    whole = inverse @ right
+    gained = float(right @ whole)
+    held = _held_back(matrix, right, whole, reach)
+    by_motion = sum(float(each.motion_gradient @ each.settled) for each in equations)
+    step = scale * held
     return NewtonStep(
         border=step,
         motion=tuple(each.motion_step(step) for each in follow or equations),
-        decrement=gained + sum(float(each.motion_gradient @ each.settled) for each in equations),
+        decrement=gained + by_motion,
         constant=gained,
         covariance=scale[:, None] * inverse * scale,
+        promised=float(2 * right @ held - held @ matrix @ held) + by_motion,
+        length=float(np.max(np.abs(held), initial=0.0)),
     )
+
+
+def _held_back(matrix: Array, right: Array, whole: Array, reach: float) -> Array:
+    """The step of the border that promises most of those that reach so far, shape (b,)."""
+    if not np.max(np.abs(whole), initial=0.0) > reach:
+        return whole
+    values, vectors = np.linalg.eigh(matrix)
+    values, along = np.maximum(values, 0.0), vectors.T @ right
+
+    def held(logarithm: float) -> Array:
+        return np.asarray(vectors @ (along / (values + np.exp(logarithm))))
+
+    # Held by so much it certainly reaches no farther.
+    firmest = float(np.log(np.linalg.norm(right) / reach))
+    loosest = firmest - _RANGE
+    for _ in range(_HALVINGS):
+        middle = (firmest + loosest) / 2
+        if np.max(np.abs(held(middle))) > reach:
+            loosest = middle
+        else:
+            firmest = middle
+    return held(firmest)
 
 
 def border_prior(task: Task, state: FitState) -> tuple[Array, Array]:

@@ -21,14 +21,24 @@ class FitSettings:
 
     # Steps of Gauss and Newton
 
-    iterations: int = 30
-    """At most: sound recordings need 5 to 12."""
+    iterations: int = 45
+    """At most: sound recordings need 5 to 12, swings on few cables up to 40."""
     iterations_beginning: int = 12
     """The same where the fit is only a beginning for another one."""
     first_body_iterations: int = 3
     """Of the body that a fit begins with: each weighs samples that stand far anew."""
     shorter: float = 0.3
-    """Part of a step that is tried where the whole one does not descend."""
+    """Part of the reach of a step that is tried where the whole one does not descend."""
+    farther: float = 2.5
+    """By how much steps that are held back reach farther after one that kept its promise, and less
+    far after one that did not."""
+    well_kept: float = 0.7
+    """Part of the promised decrease of the cost that is a promise kept."""
+    badly_kept: float = 0.25
+    """The same that is one not kept."""
+    least_reach: float = 0.02
+    """Of the border in plausible sizes and prior 1-sigma: what moves less leaves the motion alone to
+    step too far."""
     uphill: int = 1
     """Steps that may go on from where the cost has risen, before a shorter one is tried: a curved
     valley is left by its tangent and reached again by the next step [Chamberlain1982]_."""
@@ -121,6 +131,12 @@ class FitSettings:
     """That make a contact."""
     most_cut: float = 0.25
     """Part of a run beyond which contacts are not cut: what is the rule is no exception."""
+    slack: float = 0.02
+    """Tension of a cable that nobody reads, as a part of all tensions, below which it may be slack:
+    motion capture tells it to a hundredth."""
+    slack_margin: float = 0.1
+    """What is left out before and after a cable is slack [s]: the knots on either side of a jerk; with
+    half of it the 1-sigma of the body are still too small by half."""
     hand_window: float = 0.25
     """Over which the residual of a swing without force sensors is averaged [s]: shorter than a push,
     longer than noise of the motion goes on."""

@@ -126,6 +126,17 @@ def _is_disturbed(posterior: Posterior) -> bool:
     )
 
 
+def _more_equations(posterior: Posterior, settings: VerdictSettings) -> str:
+    """What to do for more of them: where nobody reads the cables, slack ones may have left none."""
+    left_out = [each.touched for each in posterior.force_samples if each.guessed.all()]
+    if left_out and np.concatenate(left_out).mean() > settings.mostly_left_out:
+        return (
+            "the notes say what is left out of the swings; push less, or hang the platform where all"
+            " its cables pull"
+        )
+    return "record longer"
+
+
 def _of_forces(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     """Forces against the motion: size and drift of the residual, samples that stand out."""
     total, solution = posterior.total, posterior.solution
@@ -138,7 +149,7 @@ def _of_forces(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]
     if not posterior.stated and 6 * total.freedom < 2 * solution.spent:
         yield (
             f"too short: {6 * total.freedom:.0f} independent equations for {solution.spent:.0f}"
-            " unknowns; record longer"
+            f" unknowns; {_more_equations(posterior, settings)}"
         )
     if posterior.stated and solution.ratio > settings.twice and large:
         yield (

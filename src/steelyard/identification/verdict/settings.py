@@ -55,6 +55,8 @@ class VerdictSettings:
     largest_torque: float = 0.25
     """The same of an unmodelled torque, as a part of that which turns the body: by how much of it
     follows the motion by chance, some per cent of the moments are not told."""
+    mostly_left_out: float = 0.5
+    """Part of swings without force sensors that is left out, beyond which longer ones are no help."""
     many_contacts: int = 3
     """Contacts from which what goes on between them is compared with them."""
     contacts_stand_out: float = 0.15

@@ -146,13 +146,34 @@ def _tried(
                     level=_same(task, state, most, each, known), time=known[most].time
                 )
             choices.append({each: own})
-    choices = [{**of_motion, **pull} for of_motion in choices for pull in pulls]
-    states = [_with(task, state, each) for each in choices]
-    if len(states) == 1:
-        return states[0]
-    levels = [_levels(task, each) for each in states]
-    best = max(range(len(states)), key=lambda i: levels[i].evidence)
-    return _on_levels(states[best], levels[best].of)
+    if len(choices) * len(pulls) == 1:
+        return _with(task, state, {**choices[0], **pulls[0]})
+    # First which instrument, then which pull beside it: not each with each.
+    best = max(
+        (_on_likeliest(task, state, {**each, **pulls[0]}) for each in choices), key=_evidence
+    )
+    chosen = {source: best.sources[source] for source in best.sources if source not in pulls[0]}
+    others = (_on_likeliest(task, state, {**chosen, **pull}) for pull in pulls[1:])
+    return max((best, *others), key=_evidence).state
+
+
+class _TriedProcesses(NamedTuple):
+    """Processes on their likeliest levels."""
+
+    sources: Mapping[Source, Colour]
+    state: FitState
+    evidence: float
+
+
+def _evidence(trial: _TriedProcesses) -> float:
+    return trial.evidence
+
+
+def _on_likeliest(task: Task, state: FitState, sources: Mapping[Source, Colour]) -> _TriedProcesses:
+    """A state with these processes more, all on their likeliest levels."""
+    state = _with(task, state, sources)
+    levels = _levels(task, state)
+    return _TriedProcesses(sources, _on_levels(state, levels.of), levels.evidence)
 
 
 def _of_pulls(

@@ -112,7 +112,8 @@ class _Scattering:
 
     name: str
     square: Array
-    """Half the squared differences of residuals shortly after each other, shape (n,)."""
+    """Squared second differences of residuals shortly after each other, of the size of their
+    variance, shape (n,)."""
     by_time: Array
     """Squared rates there, shape (n,)."""
     sigma: float
@@ -125,8 +126,9 @@ class _Scattering:
         """
         spread = self.by_time - self.by_time.mean()
         usual = float(np.mean(self.square))
-        # Of white noise: squares of two differences that share a residual go together by a quarter.
-        size = usual * np.sqrt(2 * 1.5 * np.sum(spread**2))
+        # Of white noise: squares of two second differences that share residuals go together by four
+        # ninths and by a thirty-sixth.
+        size = usual * np.sqrt(2 * (1 + 2 * (4 / 9 + 1 / 36)) * np.sum(spread**2))
         return float(np.sum(self.square * spread) / size) if size > 0 else 0.0
 
     def shows(self, jitter: float, least: float) -> bool:
@@ -181,16 +183,18 @@ def _scatterings(task: Task, state: FitState) -> Iterator[_Scattering]:
             # One spike is no jitter: it counts for what noise may do at most.
             bound = task.settings.jitter_bound * float(np.sqrt(np.mean(residual[use] ** 2)))
             held = np.clip(residual[use], -bound, bound)
-            # What goes on for a while, as of a heading that walks while the platform turns, is no
-            # jitter, and not in differences over a short time.
+            # What goes on for a while, as of a heading that walks while the platform turns, or of a
+            # filter that follows the accelerometer, is no jitter, and not in second differences over
+            # a short time.
             lag = _lag(reading.time[use])
-            if len(held) <= lag:
+            if len(held) <= 2 * lag:
                 continue
-            differences, square = held[lag:] - held[:-lag], rate[use] ** 2
-            squares.setdefault(reading.source, []).append(differences.ravel() ** 2 / 2)
+            differences = held[2 * lag :] - 2 * held[lag:-lag] + held[: -2 * lag]
+            squares.setdefault(reading.source, []).append(differences.ravel() ** 2 / 6)
             sigmas[reading.source] = reading.sigma
-            both = (square[lag:] + square[:-lag]) / 2
-            rates.setdefault(reading.source, []).append(both.ravel())
+            square = rate[use] ** 2
+            around = (square[2 * lag :] + 4 * square[lag:-lag] + square[: -2 * lag]) / 6
+            rates.setdefault(reading.source, []).append(around.ravel())
     for source, each in squares.items():
         square = np.concatenate(each)
         yield _Scattering(source[0], square, np.concatenate(rates[source]), sigmas[source])
