@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from typing import NamedTuple
 
@@ -16,6 +16,9 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.identification.recursive.follow import follow
 from steelyard.motion.state import State
+from steelyard.robot.kinematics import cables_at
+from steelyard.robot.model import Robot
+from steelyard.simulation.response import Response
 
 SECONDS = 60.0
 CHANGES = 10
@@ -52,15 +55,29 @@ def payload(mass: float) -> Array:
     return np.concatenate([[mass], mass * c, J[[0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]]])
 
 
-def carried(parameters: Array, when: Array) -> Callable[[State, Array], Array]:
-    """Its wrench: there after the first of some instants, gone after the second, and so on."""
+@dataclass(frozen=True, eq=False)
+class Carrying:
+    """The same motion with a thing on the platform that the cables feel: there after the first of some
+    instants, gone after the second, and so on."""
 
-    def wrench(state: State, times: Array) -> Array:
-        there = np.searchsorted(when, times, side="right") % 2
+    robot: Robot
+    empty: Response
+    parameters: Array
+    when: Array
+
+    @property
+    def duration(self) -> float:
+        return self.empty.duration
+
+    def at(self, times: Array) -> State:
+        state = self.empty.at(times)
+        there = np.searchsorted(self.when, times, side="right") % 2
         Y = platform_regressor(state.specific_force, state.omega, state.alpha)
-        return -np.asarray(Y @ parameters) * there[:, None]
-
-    return wrench
+        needed = (Y @ self.parameters) * there[:, None]
+        W = cables_at(self.robot, state.position, state.rotation, state.tension).structure
+        return replace(
+            state, tension=state.tension + np.einsum("nmk,nk->nm", np.linalg.pinv(W), needed)
+        )
 
 
 def draw(job: tuple[int, float]) -> Seen:
@@ -72,7 +89,8 @@ def draw(job: tuple[int, float]) -> Seen:
     each = (SECONDS - 8.0) / CHANGES
     when = 7.0 + each * np.arange(CHANGES) + rng.uniform(0.0, each - 3.0, CHANGES)
     when = when if mass else np.zeros(0)
-    experiment = _recorder(seed, carried(payload(mass), when) if mass else None)
+    loaded = Carrying(_recorder.robot, _recorder.response, payload(mass), when)
+    experiment = _recorder(seed, loaded if mass else None)
     found, begun = [], time.process_time()
     for last in follow(experiment):
         found += [(last.instants[-1].time, e) for e in last.events[len(found) :]]
@@ -89,9 +107,9 @@ def draw(job: tuple[int, float]) -> Seen:
         off.append(event.time - at)
         place = state.calibration.calibration_parameters.place_of_load(event.run)
         if i % 2 == 0 and place is not None and not used - set(range(len(when))):
-            columns = slice(10 + place.start, 10 + place.stop)
+            columns = np.searchsorted(last.recursion.use, 10 + np.arange(place.start, place.stop))
             error = state.calibration.values[place] - payload(mass)
-            covariance = solution.covariance[columns, columns]
+            covariance = solution.covariance[np.ix_(columns, columns)]
             chi.append(float(error @ np.linalg.solve(covariance, error)) / 10)
             sigma.append(float(np.sqrt(covariance[0, 0])))
     return Seen(late, off, chi, sigma, len(when) - len(used), len(found) - len(used), spent)

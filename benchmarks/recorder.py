@@ -11,7 +11,7 @@ from steelyard.motion.trajectory import Trajectory
 from steelyard.robot.file import read_robot
 from steelyard.simulation.forward_dynamics import CablePlatform
 from steelyard.simulation.recording import draw_errors, record
-from steelyard.simulation.response import ExactMotion
+from steelyard.simulation.response import ExactMotion, Response
 from steelyard.simulation.sensors import paper_sensors
 from steelyard.simulation.trajectories import feasible_multisine
 
@@ -38,11 +38,12 @@ class Recorder:
         self.command = ExactMotion(self.robot, self.robot.platform, trajectory)
         self.instruments = paper_sensors(self.robot).instruments
 
-    def __call__(self, seed: int) -> Experiment:
+    def __call__(self, seed: int, response: Response | None = None) -> Experiment:
+        """With errors and noise of a seed; of another response than that of the platform alone."""
         rng = np.random.default_rng(seed)
         drawn = draw_errors(self.instruments, self.robot.m, ["run"], rng)["run"]
         streams, sync = record(
-            self.response, self.instruments, drawn, self.robot, self.command, rng
+            response or self.response, self.instruments, drawn, self.robot, self.command, rng
         )
         exact = {"anchor": 0.0, "attachment": 0.0, "gravity": 0.0}
         return Experiment(

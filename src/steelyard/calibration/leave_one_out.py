@@ -18,7 +18,6 @@ from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.segment import NormalEquations, Rows
 from steelyard.identification.solve.fit_state import Fit, Task
 from steelyard.identification.solve.newton_step import border_prior
-from steelyard.identification.tally import Tally
 
 STRETCHES = 10
 """Into which a motion is cut, of equal length."""
@@ -156,9 +155,7 @@ def _followed(
     carried = carried_tensions(
         *shared, forces, state.calibration, column_of, state.parameters, state.factors
     )
-    motion = motion_residuals(
-        *shared, state.calibration, column_of, state.factors, Tally(), carried
-    )
+    motion = motion_residuals(*shared, state.calibration, column_of, state.factors, None, carried)
     for reading in segment.readings:
         for start in range(0, len(reading.time), AT_ONCE):
             yield seen(next(motion), reading, slice(start, start + AT_ONCE))
@@ -170,7 +167,7 @@ def _followed(
             column_of,
             state.parameters,
             state.factors,
-            Tally(),
+            None,
         ):
             yield seen(rows, None, slice(None))
 

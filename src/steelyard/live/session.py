@@ -198,8 +198,8 @@ class Session:
             return found, []
         instant = following.instants[-1]
         if instant.time - found.judged >= found.settings.judged:
-            # Of a copy: the motion goes on.
-            estimate = _estimate(following.ended(), courses=False)
+            # Of a copy, without the seconds that still change: the motion goes on.
+            estimate = _estimate(following.ended_before(), courses=False)
             found = replace(found, judged=instant.time, estimate=estimate)
         verdict = None if found.estimate is None else found.estimate.verdict
         force = following.like.forces.name

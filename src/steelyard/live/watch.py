@@ -5,13 +5,19 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from steelyard.estimates.estimate import Estimate
 from steelyard.experiment.model import Experiment
 from steelyard.live.record import Record
 from steelyard.live.session import Session
 from steelyard.live.settings import LIVE, LiveSettings
 from steelyard.live.sources.source import SampleSource
+from steelyard.processes.heap import give_back
 
+_GIVEN_BACK = 60.0
+"""Of recorded time between two instants at which memory that is free is given to the system [s]: a
+verdict takes much of it for a moment, and what is given back is slower when it is taken again."""
 _LOOK = 0.05
 """How long a source is waited for before what has arrived is looked at [s]."""
 
@@ -50,10 +56,13 @@ def watch(
     runs = {run.name: run for run in experiment.runs}
     sync = runs[name].sync if name in runs else {}
     session = Session(replace(experiment, runs=()), name, sync, settings=settings)
-    refused = 0
+    refused, given_back = 0, -np.inf
     while True:
         received = source.receive(_LOOK)
         session, records = session.taken(received.arrivals, received.refused).advanced()
+        if session.judged - given_back >= _GIVEN_BACK:
+            given_back = session.judged
+            give_back()
         remarks = list(received.remarks)
         if received.refused and not refused:
             # One sentence for all that are alike; how many there were is said at the end.

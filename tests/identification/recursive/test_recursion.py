@@ -259,6 +259,26 @@ def test_parts_that_are_summed_up_tell_the_same(points):
 
 
 @pytest.mark.integration
+def test_what_is_judged_meanwhile_is_what_has_passed(points):
+    found = begin(points)
+    (run,) = points.runs
+    while len(found.parts) < 6:
+        found = advanced(found, run)
+    recursion = found.ended_before().recursion
+    assert recursion.window is None
+    told = sum(part.equations.normal for part in found.parts)
+    # Nothing is told of what the platform does not have.
+    size = np.sqrt(np.maximum(np.diag(told), 1e-300))
+    assert recursion.told.normal / np.outer(size, size) == pytest.approx(
+        told / np.outer(size, size), abs=1e-9
+    )
+    # The seconds that it leaves out tell more.
+    whole = found.ended().recursion.told.normal
+    assert np.all(np.diag(whole) >= 0.99 * np.diag(told))
+    assert whole[0, 0] > 1.05 * told[0, 0]
+
+
+@pytest.mark.integration
 def test_what_readings_bring_is_kept_once_for_all_parts(points):
     found = begin(points)
     (run,) = points.runs

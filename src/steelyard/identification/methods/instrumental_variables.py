@@ -35,7 +35,6 @@ from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.normal_equations import Solution, inverse_of, solve
 from steelyard.identification.solve.posterior import Posterior
-from steelyard.identification.tally import Tally
 from steelyard.inertia import TEN
 from steelyard.instruments import Pose
 from steelyard.instruments.pose import PoseNoise
@@ -268,7 +267,7 @@ def _rows(
     k = TEN + len(state.calibration.calibration_parameters)
     column_of = np.arange(TEN, k, dtype=np.intp)
     shared = experiment, segment
-    rows = list(motion_residuals(*shared, state.calibration, column_of, state.factors, Tally()))
+    rows = list(motion_residuals(*shared, state.calibration, column_of, state.factors, None))
     for part in forces.parts():
         balance = whitened_balance(
             *shared,
@@ -277,7 +276,7 @@ def _rows(
             column_of,
             state.parameters,
             state.factors,
-            Tally(),
+            None,
             motion,
         )
         instruments = _instruments(posterior, segment, balance, independent)

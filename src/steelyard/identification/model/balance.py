@@ -223,6 +223,8 @@ class Balance:
     @property
     def by_wrench(self) -> Array:
         """What the unmodelled wrench of the processes makes of the balance [N], [N m], shape (n, 6)."""
+        if not self.disturbance.any():
+            return self.disturbance
         return np.asarray(
             np.einsum("nij,nj->ni", self.measured.unmodelled.wrench, self.disturbance)
         )
@@ -232,6 +234,8 @@ class Balance:
         """What all processes make of it: the unmodelled wrench and coloured noise of the readings [N],
         [N m], shape (n, 6).
         """
+        if not self.coloured.any():
+            return self.by_wrench
         return np.asarray(self.by_wrench + np.einsum("nir,nr->ni", self.by_reading, self.coloured))
 
     @property

@@ -137,7 +137,7 @@ def force_residuals(
     column_of: NDArray[np.intp],
     parameters: Array,
     factors: Mapping[Source, float],
-    tally: Tally,
+    tally: Tally | None,
     held: Array | None = None,
 ) -> Iterator[Rows]:
     """Whitened balance of forces and motion, some samples at a time; arguments as of
@@ -157,7 +157,7 @@ def whitened_balance(
     column_of: NDArray[np.intp],
     parameters: Array,
     factors: Mapping[Source, float],
-    tally: Tally,
+    tally: Tally | None,
     held: Array | None = None,
 ) -> WhitenedBalance:
     """Balance of forces and motion with its derivatives, whitened; its first ten columns of the
@@ -171,7 +171,7 @@ def whitened_balance(
         column_of: Column of each systematic error in the border; -1: not there; shape (u,).
         parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,).
         factors: Quantity -> by how much its noise exceeds what the readings say.
-        tally: Is added to.
+        tally: Is added to; None: nothing is counted.
         held: Covariance of the motion's coefficients where it is held while forces are looked at,
             lower banded form, shape (42, N); None: it follows them.
     """
@@ -192,7 +192,8 @@ def whitened_balance(
         whole = np.linalg.solve(np.eye(DIRECTIONS) + moved, at.residual[:, :, None])[:, :, 0]
         size = np.sqrt(np.sum(at.residual * whole, axis=1))
     weight = segment.holds(at.time) * robust_weight(size, DIRECTIONS) * ~force_samples.touched
-    tally_forces(tally, segment, force_samples, at, weight, size)
+    if tally is not None:
+        tally_forces(tally, segment, force_samples, at, weight, size)
     root = np.sqrt(weight)
     by_coefficients *= root[:, None, None]
     rows = Rows(

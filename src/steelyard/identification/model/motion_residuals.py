@@ -55,7 +55,7 @@ def motion_residuals(
     calibration: CalibrationValues,
     column_of: NDArray[np.intp],
     factors: Mapping[Source, float],
-    tally: Tally,
+    tally: Tally | None,
     carried: Carried | None = None,
 ) -> Iterator[Rows]:
     """Whitened readings of a segment, then what holds the motion where no instrument does.
@@ -66,7 +66,7 @@ def motion_residuals(
         calibration: Present values of the systematic errors.
         column_of: Column of each systematic error in the border; -1: not there; shape (u,).
         factors: Quantity -> by how much its noise exceeds what the reading says.
-        tally: Is added to.
+        tally: Is added to; None: nothing is counted.
         carried: Tensions of the cables as all that is fitted has them, for readings that follow
             these; None: they are those of the readings, taken as known.
     """
@@ -89,8 +89,9 @@ def motion_residuals(
                 seen,
             )
     held = holding_rows(segment)
-    tally.cost += float(np.sum(held.residual**2))
-    tally.cost += segment.prior_cost
+    if tally is not None:
+        tally.cost += float(np.sum(held.residual**2))
+        tally.cost += segment.prior_cost
     yield held
 
 
@@ -158,14 +159,20 @@ class Border:
         """Derivatives, shape (n, k, c), and their columns, each once, shape (c,)."""
         if not self._columns:
             return np.zeros((self._n, self._k, 0)), np.zeros(0, dtype=np.intp)
-        columns, values = np.concatenate(self._columns), np.concatenate(self._values, axis=2)
-        unique, place = np.unique(columns, return_inverse=True)
+        columns = np.concatenate(self._columns)
+        unique = np.unique(columns)
         if len(unique) == len(columns):
-            return values, columns
+            return np.concatenate(self._values, axis=2), columns
         # Few stand there twice: delays of two clocks that are one.
-        order = np.argsort(place, kind="stable")
-        begins = np.searchsorted(place[order], np.arange(len(unique)))
-        return np.add.reduceat(values[:, :, order], begins, axis=2), unique
+        found = np.zeros((self._n, self._k, len(unique)))
+        for own, values in zip(self._columns, self._values, strict=True):
+            place = np.searchsorted(unique, own)
+            if len(own) and np.all(np.diff(place) == 1):
+                found[:, :, place[0] : place[-1] + 1] += values
+            else:
+                for column, each in zip(place, np.moveaxis(values, 2, 0), strict=True):
+                    found[:, :, column] += each
+        return found, unique
 
 
 class Seen:
@@ -260,7 +267,7 @@ def _of_reading(
     column_of: NDArray[np.intp],
     references: Mapping[str, str],
     factors: Mapping[Source, float],
-    tally: Tally,
+    tally: Tally | None,
     carried: Carried | None,
     seen: Seen,
 ) -> Rows:
@@ -341,13 +348,14 @@ def _of_reading(
     # A clock that has moved may carry samples out of the segment.
     inside = there if segment.static else there & segment.holds(times)[:, None]
     if reading.values.ndim == 3:
-        size = np.sqrt(np.sum(residual**2, axis=1, keepdims=True))
-        weight = inside[:, :1] * robust_weight(size, k)
-        tally.add(label, size, weight, k)
+        size, each = np.sqrt(np.sum(residual**2, axis=1, keepdims=True)), k
+        weight = inside[:, :1] * robust_weight(size, each)
     else:
         # A spike in one channel leaves the others as they are.
-        weight = inside * robust_weight(np.abs(residual), 1)
-        tally.add(label, np.abs(residual), weight, 1)
+        size, each = np.abs(residual), 1
+        weight = inside * robust_weight(size, each)
+    if tally is not None:
+        tally.add(label, size, weight, each)
     by_state = by
     if processes:
         by_state = _with_processes(by[0], processes, segment.block), *by[1:]

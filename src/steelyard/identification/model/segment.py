@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, reduce
+from functools import cache, cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,8 @@ POSE = 7
 WIDTH = POSE * (DEGREE + 1)
 """Coefficients that a pose depends on at one instant."""
 
+_EQUAL = 1e-9
+"""Part of the spacing of knots by which it may differ and still be the same."""
 _ROUNDING = 1e-11
 """Part of its diagonal by which a matrix that rounding has made indefinite is held."""
 Label = tuple[str, str] | None
@@ -53,8 +55,9 @@ class Basis:
 def basis(knots: Array, times: Array) -> Basis:
     """B-splines and their first three derivatives at times within the knots.
 
-    Cox and de Boor's recursion over all times at once; a derivative is made of differences of
-    functions of one degree less [DeBoor1978]_.
+    Between knots of equal spacing, which nearly all are, by the polynomials that they are there; else
+    by Cox and de Boor's recursion over all times at once, in which a derivative is made of differences
+    of functions of one degree less [DeBoor1978]_.
 
     Args:
         knots: Of a quintic spline [s].
@@ -62,6 +65,12 @@ def basis(knots: Array, times: Array) -> Basis:
     """
     n, functions = len(times), len(knots) - DEGREE - 1
     interval = np.clip(np.searchsorted(knots, times, side="right") - 1, DEGREE, functions - 1)
+    first = (interval - DEGREE).astype(np.intp)
+    steps = np.diff(knots)
+    spacing = float(knots[-1] - knots[0]) / len(steps)
+    if np.abs(steps - spacing).max() < _EQUAL * spacing:
+        behind = np.vander((times - knots[interval]) / spacing, DEGREE + 1, increasing=True)
+        return Basis(first, behind @ (_pieces() / spacing ** np.arange(4.0)[:, None, None]))
     # What lies around each time: knot j of the interval's neighbours is own[j + DEGREE].
     own = knots[interval[:, None] + np.arange(-DEGREE, DEGREE + 2)].T
     powers = [np.ones((1, n))]
@@ -75,7 +84,7 @@ def basis(knots: Array, times: Array) -> Basis:
         raised[:-1] += right * share
         powers.append(raised)
     # A rate of a function is the difference of two of one degree less, over their lengths.
-    steps = {
+    by_length = {
         degree: degree / (since[DEGREE - degree + 1 :] + until[:degree])
         for degree in range(DEGREE - 2, DEGREE + 1)
     }
@@ -83,13 +92,36 @@ def basis(knots: Array, times: Array) -> Basis:
     for order in range(4):
         found = powers[DEGREE - order]
         for degree in range(DEGREE - order + 1, DEGREE + 1):
-            slope = found * steps[degree]
+            slope = found * by_length[degree]
             found = np.empty((degree + 1, n))
             found[0] = 0.0
             found[1:] = slope
             found[:-1] -= slope
         values[order] = found.T
-    return Basis((interval - DEGREE).astype(np.intp), values)
+    return Basis(first, values)
+
+
+@cache
+def _pieces() -> Array:
+    """Spline functions of knots that are one apart, and their first three derivatives, between two of
+    them: coefficients of the powers of what lies behind the first one, shape (4, 6, 6), powers on
+    axis 1, functions on axis 2 [DeBoor1978]_.
+    """
+    u = np.polynomial.Polynomial([0.0, 1.0])
+    nothing = 0.0 * u
+    functions = [1.0 + nothing]
+    for degree in range(1, DEGREE + 1):
+        before = [nothing, *functions, nothing]
+        functions = [
+            ((u + degree - j) * before[j] + (j + 1 - u) * before[j + 1]) / degree
+            for j in range(degree + 1)
+        ]
+    found = np.zeros((4, DEGREE + 1, DEGREE + 1))
+    for order in range(4):
+        for j, each in enumerate(functions):
+            coefficients = (each.deriv(order) if order else each).coef
+            found[order, : len(coefficients), j] = coefficients
+    return found
 
 
 def quadrature(knots: Array, count: int) -> tuple[Basis, Array]:

@@ -45,6 +45,8 @@ from steelyard.smoothing import DEGREE
 
 LOST = (InfeasibleError, np.linalg.LinAlgError)
 """Errors of a motion that cannot be followed."""
+_KEPT = 1.25
+"""How many parts are kept before the oldest are summed up, in those that stay."""
 _DENSE = 6
 """Instants between two knots at which a motion is taken over to other knots."""
 
@@ -184,9 +186,9 @@ class Following:
         """The same with the oldest parts summed up, and without the oldest instants.
 
         Args:
-            most: Parts that stay as they are; twice as many may be kept until then.
+            most: Parts that stay as they are; a quarter more may be kept until then.
         """
-        if len(self.parts) <= 2 * most:
+        if len(self.parts) <= _KEPT * most:
             return self
         old, new = self.parts[:-most], self.parts[-most:]
         by_run: dict[str, list[SegmentEquations]] = {}
@@ -206,6 +208,15 @@ class Following:
         while found.window.chunks:
             found = found.passed()
         return replace(found, recursion=found.recursion.ended())
+
+    def ended_before(self) -> Following:
+        """With the motion ended where the window begins, for what may wait until the last seconds have
+        passed; where nothing of a run has passed yet, with all of it.
+        """
+        passed = {part.segment.run for part in self.parts}
+        if any(chunk.segment.run not in passed for chunk in self.window.chunks):
+            return self.ended()
+        return replace(self, recursion=self.recursion.ended())
 
     def resumed(self, run: Run) -> Following:
         """With the motion of another run, of which enough has arrived to begin with.

@@ -174,10 +174,9 @@ def _forces(parts: Sequence[SegmentEquations]) -> Forces:
 def _fewer(blocks: Blocks) -> Blocks:
     """Neighbours together, until there are few enough."""
     while len(blocks.run) > _BLOCKS:
-        pairs = np.arange(0, len(blocks.run), 2)
-        blocks = Blocks(
-            np.add.reduceat(blocks.normal, pairs),
-            np.add.reduceat(blocks.right, pairs),
-            blocks.run[pairs],
-        )
+        normal, right = blocks.normal[::2].copy(), blocks.right[::2].copy()
+        others = len(blocks.run) // 2
+        normal[:others] += blocks.normal[1::2]
+        right[:others] += blocks.right[1::2]
+        blocks = Blocks(normal, right, blocks.run[::2])
     return blocks

@@ -476,7 +476,7 @@ class Recursion:
             assert here.window is not None
             segment = replace(segment, coefficients=here.window.motion[place])
             rows = motion_residuals(
-                task.experiment, segment, here.state.calibration, column_of, wide, Tally()
+                task.experiment, segment, here.state.calibration, column_of, wide, None
             )
             told = [scaled(each, _WIDE) for each in rows]
             here = here._with_chunk(segment, forces, told, number)
@@ -594,7 +594,7 @@ class Recursion:
         return Blocks(normal[None], right[None], np.array([self._number_of(run)]))
 
     def ended(self) -> Recursion:
-        """With the motion ended, all chunks of which have passed."""
+        """With the motion ended; chunks that have not passed are as if they had not arrived."""
         assert self.window is not None
         past = self.window.past
         if past is None:

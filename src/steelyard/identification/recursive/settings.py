@@ -20,8 +20,9 @@ class RecursiveSettings:
     """Length of the motion that is still fitted [s]."""
     forgets: float = 10.0
     """Time over which it forgets how lively a motion was [s]."""
-    foresights: int = 2
-    """Steps by which a chunk finds its motion before what stands far is looked at."""
+    foresights: int = 1
+    """Steps by which a chunk finds its motion before what stands far is looked at: a second one leaves
+    the estimate as far from where many linearisations would take it."""
     turns: int = 6
     """Linearisations of a chunk as it arrives, at most: two or three as a rule."""
     arrived: float = 10.0

@@ -23,7 +23,6 @@ from steelyard.identification.model.force_residuals import carried_tensions, for
 from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Rows
-from steelyard.identification.tally import Tally
 from steelyard.inertia import BODY_PARAMETERS, TEN, body_jacobian
 
 _EXACT = 1e-9
@@ -138,7 +137,7 @@ def _all_rows(
     carried = carried_tensions(
         experiment, segment, force_samples, calibration, column_of, parameters, {}
     )
-    yield from motion_residuals(experiment, segment, calibration, column_of, {}, Tally(), carried)
+    yield from motion_residuals(experiment, segment, calibration, column_of, {}, None, carried)
     yield from force_residuals(
-        experiment, segment, force_samples, calibration, column_of, parameters, {}, Tally()
+        experiment, segment, force_samples, calibration, column_of, parameters, {}, None
     )

@@ -333,7 +333,7 @@ def gradient_bias(task: Task, state: FitState, parts: Sequence[Linearised]) -> A
                     column_of,
                     state.parameters,
                     state.factors,
-                    Tally(),
+                    None,
                     held.inverse,
                 )
                 there = still + segment.equations(border, rows)

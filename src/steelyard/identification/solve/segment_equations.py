@@ -82,9 +82,8 @@ def whitened_rows(
         state: Where to linearise, with a body.
         segment: One of its segments, which is not long.
         forces: Of it.
-        tally: Is added to.
+        tally: Is added to; None: nothing is counted.
     """
-    tally = Tally() if tally is None else tally
     linearised = _RowsOfSegment(task, state, segment, forces, None, looked_at=True)
     balances = tuple(linearised.of_forces(tally))
     return balances, [*linearised.of_motion(tally), *chain(*(each.rows for each in balances))]
@@ -134,8 +133,8 @@ def segment_equations(
     noise = _LeftNoise.of(task, state, segment, every) if motion is None else None
 
     def second_pass() -> Iterator[Rows]:
-        yield from linearised.of_motion(Tally())
-        for each in linearised.of_forces(Tally()):
+        yield from linearised.of_motion(None)
+        for each in linearised.of_forces(None):
             if noise is not None and looked_at and not segment.static:
                 noise.include(each)
             yield from linearised.counted(each)
@@ -184,11 +183,11 @@ class _RowsOfSegment:
     kept: dict[str, Sequence[Any]] = field(default_factory=dict)
     """What a segment of few samples has been asked for already."""
 
-    def of_motion(self, tally: Tally) -> Iterable[Rows]:
+    def of_motion(self, tally: Tally | None) -> Iterable[Rows]:
         """Of the motion instruments, and what holds the motion.
 
         Args:
-            tally: Is added to, the first time.
+            tally: Is added to, the first time; None: nothing is counted.
         """
         column_of = _every_column(self.task)
         state, task = self.state, self.task
@@ -215,11 +214,11 @@ class _RowsOfSegment:
         )
         return self._once("motion", rows)
 
-    def of_forces(self, tally: Tally) -> Iterable[WhitenedBalance]:
+    def of_forces(self, tally: Tally | None) -> Iterable[WhitenedBalance]:
         """The balance, some samples at a time.
 
         Args:
-            tally: Is added to, the first time.
+            tally: Is added to, the first time; None: nothing is counted.
         """
         task, state = self.task, self.state
         assert state.parameters is not None

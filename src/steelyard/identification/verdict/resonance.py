@@ -126,7 +126,7 @@ def resonance(found: Posterior, settings: VerdictSettings = VERDICT) -> Resonanc
         test = tested(likeliest)
         if not _is_resonance(test, likeliest, tested, count):
             continue
-        shift = length_of(found)(test.body)
+        shift = length_of(found)(_moved_body(asked, likeliest, test.pull))
         if shift > settings.matters and (best is None or test.fall > best[0]):
             mass = -float(test.pull[0]) if kind.name == "swings" else None
             if mass is None or mass > 0:
@@ -141,8 +141,6 @@ class _Test(NamedTuple):
     """Decrease of the cost, chi-square where there is none."""
     pull: Array
     """Its size, shape (c,): mass, and mass times place, for each direction."""
-    body: Array
-    """By how much the ten parameters of the body change with it, shape (10,)."""
 
 
 def _is_resonance(
@@ -228,8 +226,12 @@ class _Asked:
     def rows(self, frequency: float) -> Array:
         """Columns of the balance as the residual is, shape (6 n - 6, c)."""
         pull = self.stretch.response(self.kind, frequency)
-        white = sum(own * p[:, None, None] for own, p in zip(self.by_pull, pull.T, strict=True))
-        return _innovations(np.asarray(white), self.stretch.use, self.stretch.kept)
+        white, *others = (
+            own * p[:, None, None] for own, p in zip(self.by_pull, pull.T, strict=True)
+        )
+        for each in others:
+            white += each
+        return _innovations(white, self.stretch.use, self.stretch.kept)
 
 
 def _followed(driven: Array, omega: float, damping: float) -> Array:
@@ -253,9 +255,9 @@ def _followed(driven: Array, omega: float, damping: float) -> Array:
 
 def _innovations(rows: Array, use: NDArray[np.bool_], kept: float) -> Array:
     """What is new of each sample, shape (6 n - 6, …), from shape (n, 6, …)."""
-    new = rows[1:] - kept * rows[:-1]
-    both = use[1:] & use[:-1]
-    new = new * both.reshape(-1, *[1] * (rows.ndim - 1))
+    new = -kept * rows[:-1]
+    new += rows[1:]
+    new[~(use[1:] & use[:-1])] = 0.0
     return np.asarray(new.reshape(-1, *rows.shape[2:]))
 
 
@@ -334,20 +336,29 @@ def _orthonormal(columns: Array) -> Array:
 
 def _beside(base: Array, rows: Array) -> Array:
     """Rows less what is in a basis."""
-    return np.asarray(rows - base @ (base.T @ rows))
+    within = base @ (base.T @ rows)
+    return np.asarray(np.subtract(rows, within, out=within))
 
 
 def _tested(asked: Sequence[_Asked], frequency: float) -> _Test:
     """A pull at one point of the platform, which is as unknown as its mass."""
-    told = [(each.stretch, each.rows(frequency)) for each in asked]
-    own = [_beside(each.base, rows) for each, rows in told]
+    own = [_beside(each.stretch.base, each.rows(frequency)) for each in asked]
     normal = np.sum([rows.T @ rows for rows in own], axis=0)
-    right = np.sum([rows.T @ each.over for (each, _), rows in zip(told, own, strict=True)], axis=0)
+    right = np.sum(
+        [rows.T @ each.stretch.over for each, rows in zip(asked, own, strict=True)], axis=0
+    )
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    inverse = np.linalg.pinv(normal / np.outer(scale, scale), rcond=_INDEPENDENT, hermitian=True)
-    pull = inverse @ (right / scale) / scale
-    body = -np.mean([each.body @ (rows @ pull) for each, rows in told], axis=0)
-    return _Test(float(right @ pull), pull, body)
+    size, direction = np.linalg.eigh(normal / np.outer(scale, scale))
+    told = np.abs(size) > _INDEPENDENT * np.abs(size).max()
+    along = direction[:, told].T @ (right / scale) / size[told]
+    pull = direction[:, told] @ along / scale
+    return _Test(float(right @ pull), pull)
+
+
+def _moved_body(asked: Sequence[_Asked], frequency: float, pull: Array) -> Array:
+    """By how much the ten parameters of the body change with a pull, shape (10,)."""
+    by_stretch = [each.stretch.body @ (each.rows(frequency) @ pull) for each in asked]
+    return np.asarray(-np.mean(by_stretch, axis=0))
 
 
 def _wrenches(kind: _Kind) -> Array:

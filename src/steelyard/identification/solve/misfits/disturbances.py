@@ -40,7 +40,7 @@ from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.newton_step import border_prior
 from steelyard.identification.solve.settings import FitSettings
 from steelyard.identification.solve.stated_processes import denied, size_of
-from steelyard.identification.tally import Tally, limit
+from steelyard.identification.tally import limit
 
 _INSTANTS = 500
 """Along a segment, at which the size of its disturbances is looked at."""
@@ -305,7 +305,7 @@ def _of_motion(
     """
     nothing = np.full(len(task.calibration_parameters), -1, dtype=np.intp)
     rows = motion_residuals(
-        task.experiment, segment, state.calibration, nothing, state.factors, Tally()
+        task.experiment, segment, state.calibration, nothing, state.factors, None
     )
     by_label: dict[Source, list[Array]] = {}
     for each in rows:

@@ -16,7 +16,6 @@ from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.segment import Label
 from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.settings import FIT, FitSettings
-from steelyard.identification.tally import Tally
 
 
 def without_lost(
@@ -32,7 +31,7 @@ def without_lost(
         masks: dict[Label, list[NDArray[np.bool_]]] = {}
         if not segment.static:
             for rows in motion_residuals(
-                experiment, segment, state.calibration, nowhere, state.factors, Tally()
+                experiment, segment, state.calibration, nowhere, state.factors, None
             ):
                 if rows.label in readings:
                     # Huber's weights have been taken into the residual: one that stands far has
