@@ -90,7 +90,7 @@ def sound(posterior: Callable[[], Posterior]) -> Posterior:
     if not usable:
         raise NoBalanceError(
             "forces and motion cannot be fitted at all; check the force columns, their units and"
-            " signs, and the geometry of the robot"
+            " signs, the stated noise, and the geometry of the robot"
         )
     return found
 
