@@ -92,7 +92,7 @@ def fit(
             if share < settings.least_share:
                 break
             # The direction descends, if not as far as it seemed.
-            accepted, reach, share = _shorter(task, accepted, reach, share)
+            accepted, reach, share = _shorter(task, accepted, share)
             state = accepted.step.along(task, accepted.state, share)
             continue
         if accepted is not None and not shortened:
@@ -155,20 +155,18 @@ def fit(
     )
 
 
-def _shorter(
-    task: Task, accepted: _Accepted, reach: float, share: float
-) -> tuple[_Accepted, float, float]:
+def _shorter(task: Task, accepted: _Accepted, share: float) -> tuple[_Accepted, float, float]:
     """A shorter step from where the cost fell, how far it reaches and the share of it to take.
 
-    First the border is held back; where it promises hardly anything, or hardly moves, it is the
-    motion that steps too far, and a part of the step is taken.
+    First the border is held back; a border that hardly moves leaves the motion, of which a part is
+    taken then.
     """
-    settings, step = task.settings, accepted.step
-    shorter = settings.shorter * share * step.length
-    if step.constant < settings.by_border * step.decrement or shorter < settings.least_reach:
-        return accepted, reach, settings.shorter * share
-    step = step_of(task, accepted.state, accepted.equations, reach=shorter)
-    return accepted._replace(step=step), shorter, 1.0
+    settings = task.settings
+    reach = settings.shorter * share * accepted.step.length
+    step = step_of(task, accepted.state, accepted.equations, reach=reach)
+    if reach < settings.least_reach:
+        return accepted._replace(step=step), reach, settings.shorter * share
+    return accepted._replace(step=step), reach, 1.0
 
 
 def _reach_after(last: _Accepted, cost: float, reach: float, settings: FitSettings) -> float:

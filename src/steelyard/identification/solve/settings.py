@@ -36,9 +36,6 @@ class FitSettings:
     """Part of the promised decrease of the cost that is a promise kept."""
     badly_kept: float = 0.25
     """The same that is one not kept."""
-    by_border: float = 0.05
-    """Part of the promised decrease of the cost that the border brings at least, where holding it back
-    is of use."""
     least_reach: float = 0.02
     """Of the border in plausible sizes and prior 1-sigma: what moves less leaves the motion alone to
     step too far."""
