@@ -15,7 +15,7 @@ from steelyard.identification.samples.knot_spacing import (
     chosen_spacing,
     closest_spacing,
     evidence,
-    stretching,
+    relative_stretch,
 )
 from steelyard.identification.samples.motion_streams import MotionStream
 from steelyard.robot.model import CableProperties, Robot
@@ -325,10 +325,10 @@ def test_stretch_is_told_in_units_of_the_noise_of_lengths():
         own = Experiment("soft", softened(stiffness), {}, ())
         # Eight metres, 100 N and a noise of .5 mm.
         expected = 8.0 * 100.0 / stiffness / 5e-4
-        assert stretching(own, streams, tension) == pytest.approx(expected, rel=1e-3)
-    assert stretching(own, streams, None) == 0.0
-    assert stretching(own, streams[:1], tension) == 0.0
-    assert stretching(Experiment("rods", softened(None), {}, ()), streams, tension) == 0.0
+        assert relative_stretch(own, streams, tension) == pytest.approx(expected, rel=1e-3)
+    assert relative_stretch(own, streams, None) == 0.0
+    assert relative_stretch(own, streams[:1], tension) == 0.0
+    assert relative_stretch(Experiment("rods", softened(None), {}, ()), streams, tension) == 0.0
 
 
 def test_knots_are_closer_where_lengths_show_what_tensions_stretch():

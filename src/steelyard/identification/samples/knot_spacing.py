@@ -142,7 +142,7 @@ def closest_spacing(
     return float(max(limit, settings.per_knot * max(steps_of(streams).values())))
 
 
-def stretching(
+def relative_stretch(
     experiment: Experiment, streams: Sequence[MotionStream], tension: Array | None
 ) -> float:
     """By how much cables stretch more and less along a motion, over the stated noise of the lengths
@@ -214,7 +214,7 @@ def chosen_spacing(
         if force_samples and best > finest
         else np.inf
     )
-    much = stretching(experiment, streams, tension) > settings.much_stretched
+    much = relative_stretch(experiment, streams, tension) > settings.much_stretched
     finer = settings.finer_stretched if much else settings.finer
     return float(max(finest, best / finer)), resolved
 

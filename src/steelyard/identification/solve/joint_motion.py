@@ -8,18 +8,19 @@ own instruments ask for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.balance import balance_of
+from steelyard.identification.model.balance import Balance, Forces, balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.motion_residuals import reference_clocks, time_of
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.samples.dense_streams import average_dense
-from steelyard.identification.samples.segmentation import recorded
+from steelyard.identification.samples.segmentation import Recorded, recorded
 from steelyard.identification.samples.spline_through_poses import resampled
 from steelyard.identification.solve.beginning import (
     Beginning,
@@ -138,62 +139,39 @@ def fit_readings(readings: Readings, begun: Beginning, tell: Tell) -> Fitted:
 
 def _undisturbed(readings: Readings, begun: Beginning) -> tuple[Readings, Beginning]:
     """Readings and first body without what slack cables and hands do to a platform whose cables
-    nobody reads.
+    nobody reads; the very same where all are read.
     """
+    if not any(forces.guessed.all() for forces in readings.force_samples):
+        return readings, begun
     return _without_hands(*_without_slack(readings, begun))
 
 
 def _without_slack(readings: Readings, begun: Beginning) -> tuple[Readings, Beginning]:
     """Readings and first body without the stretches in which a cable is slack."""
-    state, notes, records = begun.state, list(begun.lost), []
-    assert state.parameters is not None
-    segments = iter(state.segments)
-    for record in readings.records:
+    notes, records = [], []
+    for record, balances in _balances(readings, begun.state):
         force_samples = []
-        for forces in record.force_samples:
-            segment = next(segments)
-            if not segment.static and forces.guessed.all():
-                at = balance_of(
-                    readings.experiment,
-                    segment,
-                    forces,
-                    state.calibration,
-                    state.parameters,
-                    state.factors,
-                )
-                slack = slack_cables(at, forces, readings.settings)
-                if slack.any():
-                    forces = without(forces, at, around(at.time, slack, readings.settings))
-                    notes.append(in_words(segment.run, slack, float(forces.touched.mean())))
+        for segment, forces, at in balances:
+            slack = slack_cables(at, forces, readings.settings)
+            if slack.any() and not segment.static:
+                forces = without(forces, at, around(at.time, slack, readings.settings))
+                notes.append(in_words(segment.run, slack, float(forces.touched.mean())))
             force_samples.append(forces)
         records.append(replace(record, force_samples=tuple(force_samples)))
-    if len(notes) == len(begun.lost):
+    if not notes:
         return readings, begun
-    readings = replace(readings, records=tuple(records))
-    anew = replace(begun, state=replace(state, parameters=None))
-    return readings, replace(with_body(readings, anew), lost=list(dict.fromkeys(notes)))
+    lost = list(dict.fromkeys([*begun.lost, *notes]))
+    return _begun_anew(readings, begun, records, lost=lost)
 
 
 def _without_hands(readings: Readings, begun: Beginning) -> tuple[Readings, Beginning]:
-    """Readings and first body without what a hand does to a platform whose cables nobody reads."""
+    """Readings and first body without what a hand does to the platform."""
     touched: dict[str, list[tuple[float, float]]] = {}
     for _ in range(readings.settings.hand_turns):
-        state = begun.state
-        assert state.parameters is not None
-        found = iter(state.segments)
         changed, records = False, []
-        for record in readings.records:
+        for record, balances in _balances(readings, begun.state):
             force_samples = []
-            for forces in record.force_samples:
-                segment = next(found)
-                at = balance_of(
-                    readings.experiment,
-                    segment,
-                    forces,
-                    state.calibration,
-                    state.parameters,
-                    state.factors,
-                )
+            for segment, forces, at in balances:
                 hands = () if segment.static else touching(at, forces, readings.settings)
                 cut = without(forces, at, hands)
                 if hands and cut.touched.mean() < readings.settings.most_touched:
@@ -203,10 +181,33 @@ def _without_hands(readings: Readings, begun: Beginning) -> tuple[Readings, Begi
             records.append(replace(record, force_samples=tuple(force_samples)))
         if not changed:
             break
-        readings = replace(readings, records=tuple(records))
-        anew = replace(begun, state=replace(state, parameters=None))
-        begun = replace(with_body(readings, anew), touched=touched)
+        readings, begun = _begun_anew(readings, begun, records, touched=touched)
     return readings, begun
+
+
+def _balances(
+    readings: Readings, state: FitState
+) -> Iterator[tuple[Recorded, list[tuple[Segment, Forces, Balance]]]]:
+    """Every record with its segments, their forces and the balance of these about a state."""
+    assert state.parameters is not None
+    segments = iter(state.segments)
+    shared = state.calibration, state.parameters, state.factors
+    for record in readings.records:
+        own = []
+        for forces in record.force_samples:
+            segment = next(segments)
+            at = balance_of(readings.experiment, segment, forces, *shared)
+            own.append((segment, forces, at))
+        yield record, own
+
+
+def _begun_anew(
+    readings: Readings, begun: Beginning, records: Sequence[Recorded], **changes: Any
+) -> tuple[Readings, Beginning]:
+    """Other records and the first body by them; changes are of the beginning."""
+    readings = replace(readings, records=tuple(records))
+    anew = replace(begun, state=replace(begun.state, parameters=None))
+    return readings, replace(with_body(readings, anew), **changes)
 
 
 def _finer(readings: Readings, vibrations: Mapping[str, _FinerKnots]) -> Readings:

@@ -2,12 +2,10 @@
 
 A cable that would have to push is slack. While it is, and where it comes taut again with a jerk that
 no spline follows, the motion is not as sure as its readings: what these stretches say of the body
-is biased, towards a higher centre of gravity by more than its 1-sigma. They are left out.
+is biased, towards a lower centre of gravity by up to some 1-sigma. They are left out.
 """
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,9 +56,7 @@ def in_words(run: str, slack: NDArray[np.bool_], left_out: float) -> str:
         left_out: Part of the run that is left out for it.
     """
     shares = 100 * slack.mean(axis=0)
-    found: Sequence[str] = [
-        f"cable {i + 1} for {max(shares[i], 1.0):.0f} %" for i in np.flatnonzero(shares > 0)
-    ]
+    found = [f"cable {i + 1} for {max(shares[i], 1.0):.0f} %" for i in np.flatnonzero(shares > 0)]
     return (
         f"run '{run}': cables hang slack or nearly so ({', '.join(found)} of the time); these"
         f" moments and what is just before and after them, {100 * left_out:.0f} % of the run, do not"
