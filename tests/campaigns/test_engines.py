@@ -1,5 +1,6 @@
 """Every engine does every task once, whatever happens to its workers."""
 
+import gc
 import multiprocessing
 import os
 
@@ -109,11 +110,13 @@ def test_an_error_in_dask_is_that_of_its_task(cluster, tmp_path):
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "tcp://"])
 @pytest.mark.filterwarnings("ignore")
 def test_a_scheduler_that_does_not_answer_is_one_sentence(address, monkeypatch):
-    pytest.importorskip("distributed")
+    distributed = pytest.importorskip("distributed")
     monkeypatch.setattr("steelyard.campaigns.engines.dask_cluster._CONNECT", 0.5)
     with pytest.raises(InputError, match="scheduler: expected the address") as error:
         connected(address).__enter__()
     assert "\n" not in str(error.value)
+    # One that is collected while the next one begins would wait for ever.
+    assert not [each for each in gc.get_objects() if type(each) is distributed.Client]
 
 
 @pytest.mark.parametrize(

@@ -98,6 +98,27 @@ def test_what_swallows_every_exception_is_ended_as_it_is(number, status, longest
     assert (ended.returncode, ended.stderr) == (status, b"")
 
 
+LEAVING = """
+import atexit, os, signal
+atexit.register(lambda: print(signal.getitimer(signal.ITIMER_REAL)))
+from steelyard.cli import interruption
+handler = signal.signal
+
+def killed_while_set(number, new):
+    handler(number, new)
+    if number == signal.SIGINT:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+with interruption.interruptible():
+    signal.signal = killed_while_set
+"""
+
+
+def test_a_signal_while_the_block_is_left_leaves_no_timer():
+    ended = finished([sys.executable, "-c", LEAVING], capture_output=True)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (143, b"(0.0, 0.0)\n", b"")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", ["identify", "design", "simulate"])
 def test_signals_at_random_moments_leave_all_or_nothing(verb, tmp_path):

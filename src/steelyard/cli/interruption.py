@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import sys
@@ -38,9 +39,10 @@ def interruptible() -> Iterator[None]:
             raise _exception(interruption.number) from error
         raise
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        # The timer last: a signal that comes now may still begin it.
         signal.signal(signal.SIGINT, before)
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
+        _stop_timer()
 
 
 class _Interruption:
@@ -61,6 +63,9 @@ class _Interruption:
             _end_at_once(self.number)
         self.number, self.since = number, time.monotonic()
         signal.signal(signal.SIGALRM, self.again)
+        # A signal that comes while the block is left takes its last lines with it; a timer that
+        # still runs when Python has taken its handlers away would be what ends the process.
+        atexit.register(_stop_timer)
         signal.setitimer(signal.ITIMER_REAL, _PERIOD, _PERIOD)
         raise _exception(number)
 
@@ -72,6 +77,10 @@ class _Interruption:
             _end_at_once(self.number)
         if not _is_handled(self.number):
             raise _exception(self.number)
+
+
+def _stop_timer() -> None:
+    signal.setitimer(signal.ITIMER_REAL, 0)
 
 
 def _exception(number: int) -> BaseException:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import threading
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import islice
@@ -117,14 +118,18 @@ def connected(address: str) -> Iterator[Any]:
     from distributed import Client
 
     _silence()
-    try:
+    client = None
+    with suppress(OSError, ValueError, TypeError):
         client = Client(address, timeout=_CONNECT)
-    except (OSError, ValueError, TypeError) as error:
+    if client is None:
+        # A client that nobody answered closes itself when it is collected. Where that comes within
+        # the beginning of another one, both want the same lock of Dask, and wait for ever.
+        gc.collect()
         raise InputError(
             f"--scheduler: expected the address of a Dask scheduler (tcp://HOST:PORT), found"
             f" '{address}', where none answers; check the address, or start one with 'dask"
             " scheduler'"
-        ) from error
+        )
     try:
         yield client
     finally:
