@@ -9,12 +9,15 @@ from halls import NOISE, errors, recorded
 from scipy.spatial.transform import Rotation
 
 from steelyard.calibration.calibrate import calibrate
+from steelyard.calibration.robot_text import robot_text
 from steelyard.cli.verbs.calibrate import calibrate as calibrate_verb
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.write import write_experiment
 from steelyard.identification.model.calibration_parameters import gather
 from steelyard.instruments import Length
+from steelyard.report.documents.calibration import calibration_document
+from steelyard.report.forms.markdown import markdown
 from steelyard.report.write_calibration import write_calibration
 from steelyard.robot.file import read_robot
 
@@ -131,6 +134,34 @@ MISTAKES = {
 }
 
 
+def has_no_numbers(found):
+    """Whether nothing of where the fit ended stands in what is written."""
+
+    def leaves(entry):
+        if isinstance(entry, dict | list):
+            values = entry.values() if isinstance(entry, dict) else entry
+            return [leaf for value in values for leaf in leaves(value)]
+        return [entry]
+
+    written = found.to_dict()
+    keys = {"anchors", "attachments", "calibration", "axial_stiffness", "pulley_radius"}
+    assert not [each for key in keys for each in leaves(written[key]) if each is not None]
+    assert "body" not in written
+    assert written["residuals"]["leave_one_out"] is None
+    assert (written["gauge"], written["unobservable"]) == ([], [])
+    text = robot_text(found)
+    assert "The fit did not converge" in text
+    assert all(
+        "1-sigma not told, not told, not told" in line
+        for line in text.splitlines()
+        if "1-sigma" in line
+    )
+    drawn = found.experiment.robot
+    assert np.array_equal(found.robot.anchors, drawn.anchors)
+    assert "What has moved" not in markdown(calibration_document(found))
+    return True
+
+
 @pytest.mark.integration
 @pytest.mark.parametrize("off", [0.3, 0.05])
 @pytest.mark.parametrize("mistake", MISTAKES)
@@ -139,6 +170,7 @@ def test_a_mistake_is_rejected(mistake, off):
     found = calibrate(MISTAKES[mistake](experiment))
     assert found.reasons
     assert not found.to_dict()["verdict"]["accepted"]
+    assert found.arrived or has_no_numbers(found)
     if mistake == "order of the cables":
         assert "order of the cables" in " ".join(found.reasons)
     if "in millimetres" in mistake and not mistake.startswith("places"):

@@ -57,6 +57,13 @@ class GeometryCalibration:
         """That it was made from."""
         return self.found.experiment
 
+    @property
+    def arrived(self) -> bool:
+        """Whether the fit has converged; otherwise points and errors are those of the description,
+        and nothing is told.
+        """
+        return self.found.fit.converged
+
     @cached_property
     def placed(self) -> Placed:
         """All calibration parameters, in the world frame that a datum has defined where there is
@@ -73,9 +80,12 @@ class GeometryCalibration:
 
     @property
     def moved(self) -> dict[str, Array]:
-        """Found less drawn, of ``anchor`` and ``attachment`` [m], shape (m, 3) each."""
+        """Found less drawn, of ``anchor`` and ``attachment`` [m], shape (m, 3) each; NaN where the fit
+        has not converged.
+        """
         drawn = _points_of(self.experiment.robot)
-        return {key: value - drawn[key] for key, value in self.points.items()}
+        known = 0.0 if self.arrived else np.nan
+        return {key: value - drawn[key] + known for key, value in self.points.items()}
 
     @property
     def robot(self) -> Robot:
@@ -158,6 +168,11 @@ class GeometryCalibration:
         return result
 
     @property
+    def frames(self) -> list[str]:
+        """Whether the frames are tied, in words; a fit that has not converged does not say."""
+        return [str(gauge) for gauge in self.gauges.values()] if self.arrived else []
+
+    @property
     def deviations(self) -> dict[str, Array]:
         """1-sigma of ``anchor`` and ``attachment`` [m], shape (m, 3) each."""
         return {
@@ -169,7 +184,7 @@ class GeometryCalibration:
     def told(self) -> dict[str, NDArray[np.bool_]]:
         """Which coordinates the readings tell, or are known, shape (m, 3) each."""
         return {
-            key: self.exact[key] | (sigma < self.settings.told * self._before(key))
+            key: self.exact[key] | self.arrived & (sigma < self.settings.told * self._before(key))
             for key, sigma in self.deviations.items()
         }
 
@@ -216,7 +231,9 @@ class GeometryCalibration:
 
     @property
     def unobservable(self) -> list[str]:
-        """What the readings do not tell, by name."""
+        """What the readings do not tell, by name; a fit that has not converged does not say."""
+        if not self.arrived:
+            return []
         found = [
             f"{key}.{i + 1}.{'xyz'[j]}"
             for key, told in self.told.items()
@@ -270,7 +287,7 @@ class GeometryCalibration:
                     )
         for place, entry, _ in found.parameters.components():
             drum = entry.key == "gain" and self.experiment.instruments[entry.owner].is_cable_motion
-            if drum and found.calibration.values[place] <= 0:
+            if drum and found.ended.values[place] <= 0:
                 reasons.append(
                     f"lengths of {entry.owner} fall where cables get longer; turn their signs"
                     " ('scale: {l1: -1, …}' in the stream)"
@@ -367,7 +384,7 @@ class GeometryCalibration:
                     if name != UPRIGHT
                 },
             },
-            "gauge": [str(gauge) for gauge in self.gauges.values()],
+            "gauge": self.frames,
             **self._datum(),
             "unobservable": self.unobservable,
             "wrong_rows": [str(each) for each in self.wrong],
@@ -377,9 +394,12 @@ class GeometryCalibration:
 
     def _errors(self) -> dict[str, Any]:
         """All calibration parameters in the shape of the contract; null where nothing is told of
-        stretch and rollers, which the file of the robot has, and of damping.
+        stretch and rollers, which the file of the robot has, and of damping, and all of them where
+        the fit has not converged.
         """
         values, sigma = self.placed.values.copy(), self.parameter_deviations.copy()
+        if not self.arrived:
+            values[:] = sigma[:] = np.nan
         for place, entry, _ in self.found.parameters.components():
             of_cables = entry.key in {STRETCH, ROLLER, CABLE_DAMPING}
             if of_cables and not self._told_errors[place]:

@@ -105,10 +105,11 @@ def placed(found: GeometryFit) -> Placed:
     """Values and covariance of all calibration parameters on the datum of an experiment.
 
     Args:
-        found: The fit, of an experiment that :func:`check_datum` lets pass.
+        found: The fit, of an experiment that :func:`check_datum` lets pass. One that has not
+            converged defines nothing.
     """
     datum = found.experiment.datum
-    if datum is None:
+    if datum is None or not found.fit.converged:
         return Placed(found.calibration.values, found.covariance)
     if datum.pose is None:
         definition = _by_anchors(found, datum.anchors)

@@ -49,7 +49,8 @@ class GeometryFit:
     """Its covariance is that of the body, where forces were read, and then of what was active."""
     wrong: tuple[WrongRow, ...]
     covariance: Array
-    """Of all calibration parameters; zero for exact ones, shape (u, u)."""
+    """Of all calibration parameters; zero for exact ones, shape (u, u). What was known beforehand,
+    where the fit has not converged."""
     left_out: tuple[LeftOut, ...]
     body: tuple[Array, Array] | None = None
     """Ten linear parameters of the body that hung there, and their covariance, shapes (10,) and (10,
@@ -58,14 +59,21 @@ class GeometryFit:
     """What a reader should know of the recordings: what was not used, and why."""
 
     @property
-    def calibration(self) -> CalibrationValues:
-        """Found values."""
+    def ended(self) -> CalibrationValues:
+        """Values at which the fit ended, converged or not: they show what stands in its way."""
         return self.fit.state.calibration
+
+    @property
+    def calibration(self) -> CalibrationValues:
+        """Found values; those of the description where the fit has not converged."""
+        if self.fit.converged:
+            return self.ended
+        return CalibrationValues(self.parameters, self.parameters.mean)
 
     @property
     def parameters(self) -> CalibrationParameters:
         """With their priors."""
-        return self.calibration.calibration_parameters
+        return self.ended.calibration_parameters
 
     @property
     def deviations(self) -> Array:
@@ -112,11 +120,18 @@ def fit_geometry(
         assert rested is not None  # there are runs
         task, fitted, body = rested.task, rested.fit, rested.body
         covariance = _covariance_of(task, fitted)
+    if not fitted.converged:
+        # Somewhere on the way there is nothing to be told, and no uncertainty of it.
+        known = np.diag(task.calibration_parameters.deviation**2)
+        return GeometryFit(experiment, task, fitted, wrong, known, (), None, _once(notes))
     tell("leaving out", 0.9)
     left_out = tuple(leaving_out(task, fitted))
-    return GeometryFit(
-        experiment, task, fitted, wrong, covariance, left_out, body, tuple(dict.fromkeys(notes))
-    )
+    return GeometryFit(experiment, task, fitted, wrong, covariance, left_out, body, _once(notes))
+
+
+def _once(notes: Sequence[str]) -> tuple[str, ...]:
+    """Each note once, in the order in which they came."""
+    return tuple(dict.fromkeys(notes))
 
 
 def _covariance_of(task: Task, found: Fit) -> Array:

@@ -14,6 +14,9 @@ from steelyard.yaml_file import to_yaml
 
 COVARIANCE = "robot.covariance.csv"
 """Table that the robot file names."""
+_AS_DESCRIBED = (
+    "# The fit did not converge: this is the robot as it was described, nothing was found."
+)
 _DIGITS = 7
 """Of a coordinate [m]: a tenth of a micrometre."""
 
@@ -43,7 +46,8 @@ def robot_text(found: GeometryCalibration) -> str:
     experiment = found.experiment.name
     head = [
         f"# Calibrated from '{' '.join(experiment.split())}' by 'steelyard calibrate'.",
-        *(f"# Gauge: {gauge}." for gauge in found.gauges.values()),
+        *(f"# Gauge: {words}." for words in found.frames),
+        *(() if found.arrived else (_AS_DESCRIBED,)),
     ]
     return "\n".join([*head, *lines]) + "\n"
 

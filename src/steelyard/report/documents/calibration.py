@@ -27,9 +27,10 @@ _AXES = "xyz"
 
 def calibration_document(found: GeometryCalibration) -> Document:
     """The report as values."""
+    moves = Section("moves", "What has moved", tuple(_moves(found)))
     sections = (
         Section("result", "Result", tuple(_result(found))),
-        Section("moves", "What has moved", tuple(_moves(found))),
+        *((moves,) if found.arrived else ()),
         Section("residuals", "Residuals", tuple(_residuals(found))),
     )
     return Document(f"Calibration of {found.experiment.robot.name}", _lead(found), sections)
@@ -65,10 +66,7 @@ def _result(found: GeometryCalibration) -> list[Block]:
     """Gauge, what is not told, wrong rows; the points."""
     weighed = found.found.parameters.weighed
     statements = [
-        *(
-            Statement(str(gauge)[:1].upper() + str(gauge)[1:] + ".")
-            for gauge in found.gauges.values()
-        ),
+        *(Statement(words[:1].upper() + words[1:] + ".") for words in found.frames),
         *(Statement(f"{table}.") for table in (weighed.tables if weighed else ())),
         *(Statement(str(each), "bad") for each in found.wrong),
         *(Statement(each, "note") for each in found.found.notes),
@@ -81,6 +79,8 @@ def _result(found: GeometryCalibration) -> list[Block]:
                 "note",
             )
         )
+    if not found.arrived:
+        return [Statements(tuple(statements))]
     rows = []
     for key, value in found.points.items():
         told, sigma = found.told[key], found.deviations[key]
@@ -147,6 +147,8 @@ def _moves(found: GeometryCalibration) -> list[Block]:
 def _residuals(found: GeometryCalibration) -> list[Block]:
     """Residuals of lengths in each pose about the geometry that all others tell."""
     blocks: list[Block] = []
+    if not found.arrived:
+        return [_sizes(found)]
     text = (
         "Each pose and each tenth of a motion about the geometry that all others tell (leave one out):"
         " what a length will be off in a new pose, beside the noise of its reading."
@@ -179,12 +181,16 @@ def _residuals(found: GeometryCalibration) -> list[Block]:
                 "Leave-one-out residual, root mean square", ("cable", "[mm]"), rows, frozenset({1})
             )
         )
-    fit = found.found.fit
+    blocks.append(_sizes(found))
+    return blocks
+
+
+def _sizes(found: GeometryCalibration) -> Grid:
+    """Residuals of each instrument where the fit ended: large ones show what contradicts the rest."""
     sizes = tuple(
         (name, quantity.removesuffix(" at rest").replace("_", " "), fixed(np.sqrt(ratio), 2))
-        for (name, quantity), ratio in fit.ratios.items()
+        for (name, quantity), ratio in found.found.fit.ratios.items()
         if name != UPRIGHT
     )
     head = ("instrument", "quantity", "residual in units of its noise")
-    blocks.append(Grid("Residuals", head, sizes, frozenset({2})))
-    return blocks
+    return Grid("Residuals", head, sizes, frozenset({2}))
