@@ -11,7 +11,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Load
 from steelyard.identification.model.balance import Forces
-from steelyard.identification.model.calibration_parameters import CalibrationValues
+from steelyard.identification.model.calibration_parameters import CalibrationValues, with_last_load
 from steelyard.identification.model.segment import NormalEquations, Rows
 from steelyard.identification.recursive.past import Linear
 from steelyard.identification.recursive.recursion import Chunk, Recursion
@@ -57,7 +57,7 @@ def opened(recursion: Recursion, experiment: Experiment, number: int, change: Ar
     """
     task, state, window = recursion.task, recursion.state, recursion.window
     assert window is not None
-    parameters = task.calibration_parameters.with_last_load(experiment)
+    parameters = with_last_load(task.calibration_parameters, experiment)
     before = task.calibration_parameters.place_of_load(window.like.run)
     present = np.zeros(TEN) if before is None else state.calibration.values[before]
     values = np.concatenate([state.calibration.values, present + change])

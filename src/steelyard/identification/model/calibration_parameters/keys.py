@@ -1,0 +1,27 @@
+"""Keys of the errors and forces that belong to the robot and its surroundings, not to an instrument."""
+
+from __future__ import annotations
+
+ROBOT = "robot"
+"""Owner of the errors of the robot file."""
+DRAG = "cable_inertia"
+"""Key of how far the platform feels the inertia of its cables: 1 as theory has it, 0 where they
+follow without any."""
+ATTACHED = (
+    ("attached.force", 3),
+    ("attached.stiffness", 1),
+    ("attached.moments", 9),
+    ("attached.stiffness_moment", 3),
+)
+"""Keys and sizes of what a hose does, see :func:`steelyard.robot.surroundings.attached_wrench`."""
+HOSES = "hose"
+"""First part of the keys of hoses that are stated."""
+DAMPING = (("damping.moving", 1), ("damping.turning", 1))
+"""The same of what decays swings, see :func:`steelyard.robot.surroundings.damping_wrench`."""
+AIR = (("drag.area", 1), ("drag.turning", 1), *DAMPING)
+"""And of the air, see :func:`steelyard.robot.surroundings.air_wrench`."""
+SWIVEL = "swivel.friction"
+"""Key of the friction where cables turn about their anchors, see
+:func:`steelyard.robot.surroundings.swivel_wrench`."""
+LOAD = "load"
+"""First part of the keys of what further loads are more than the first: ten linear parameters."""
