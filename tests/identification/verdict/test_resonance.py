@@ -1,6 +1,7 @@
 """Parts that move against the platform, against an integrated pendulum and MuJoCo."""
 
 import importlib
+import itertools
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from simulated import RECORDER, ROBOT, sound, with_stream
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.verdict.assessment import reasons
-from steelyard.identification.verdict.resonance import _followed, resonance
+from steelyard.identification.verdict.resonance import _KINDS, _followed, _frequencies, resonance
 from steelyard.robot.kinematics import cables_at
 
 pytestmark = pytest.mark.integration
@@ -68,6 +69,33 @@ def test_a_response_is_that_of_the_integrated_oscillator():
     assert _followed(driven, omega, damping) == pytest.approx(
         omega**2 * solved.y[:3].T, abs=0.01 * np.abs(driven).max()
     )
+
+
+@pytest.mark.parametrize("duration", [12.0, 20.0, 60.0])
+@pytest.mark.parametrize("kind", _KINDS, ids=lambda kind: kind.name)
+def test_no_resonance_stands_between_two_frequencies(kind, duration):
+    """With steps of 6 % and a damping ratio of .02 a load that swung at .58 Hz was not seen."""
+    time = np.arange(0.0, duration, 0.01)
+    driven = np.random.default_rng(3).normal(size=(len(time), 3)).cumsum(axis=0)
+    asked = _frequencies(kind, max(kind.lowest, 4 / duration), duration)
+
+    def followed(frequency, damping):
+        response = _followed(driven - driven[0], 2 * np.pi * frequency, damping)
+        return response - driven + driven[0]
+
+    def seen(response, others):
+        """Share of its square along the nearest of others."""
+        along = [np.vdot(response, each) ** 2 / np.vdot(each, each) for each in others]
+        return max(along) / np.vdot(response, response)
+
+    for below, above in list(itertools.pairwise(asked))[::5]:
+        swings = followed((below + above) / 2, 0.003)
+        assert (
+            seen(swings, [followed(below, max(kind.damping)), followed(above, max(kind.damping))])
+            > 0.5
+        )
+        near = np.linspace(below, above, 5)
+        assert seen(swings, [followed(each, min(kind.damping)) for each in near]) > 0.9
 
 
 @pytest.mark.parametrize(("mass", "length"), [(4.0, 0.6), (3.0, 1.5)])

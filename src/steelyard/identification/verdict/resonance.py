@@ -10,8 +10,8 @@ the acceleration, does so at neighbouring frequencies as well; a resonance does 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
 
@@ -35,8 +35,11 @@ _STEP = 0.01
 """Between the instants at which a response is followed [s]."""
 _PERIODS = 4.0
 """Of a resonance that is looked for, within a stretch."""
-_RATIO = 1.06
-"""Of a frequency over the one before: responses with these damping ratios are as wide."""
+_LINE = 0.5
+"""Of a frequency from the one before, over the width of a line: of what stands between them more than
+half is seen, and more than nine tenths where it is looked at more closely."""
+_NEAR = 9
+"""Frequencies between those about the likeliest, where it is looked at more closely."""
 _BESIDE = 1.4
 """Of frequencies beside a resonance."""
 _SHARP = 3.0
@@ -58,15 +61,15 @@ class _Kind(NamedTuple):
     lowest: float
     highest: float
     """Frequencies that are looked for [Hz]."""
-    damping: float
-    """Ratio."""
+    damping: tuple[float, ...]
+    """Ratios, the widest line last."""
 
 
 _KINDS = (
     # On strings of some metres to some centimetres, or a liquid: level, in the world.
-    _Kind("swings", 0.25, 3.2, 0.02),
+    _Kind("swings", 0.25, 3.2, (0.005, 0.02)),
     # On something elastic, along the axes of the platform, whose weight it feels too.
-    _Kind("bends", 1.5, 14.0, 0.03),
+    _Kind("bends", 1.5, 14.0, (0.01, 0.03)),
 )
 
 
@@ -114,17 +117,11 @@ def resonance(found: Posterior, settings: VerdictSettings = VERDICT) -> Resonanc
         lowest = max(kind.lowest, _PERIODS / duration)
         if lowest >= kind.highest:
             continue
-        count = 1 + int(np.ceil(np.log(kind.highest / lowest) / np.log(_RATIO)))
-        frequencies = np.geomspace(lowest, kind.highest, count)
-        asked = [_Asked.of(each, kind) for each in stretches]
-
-        def tested(frequency: float, asked: Sequence[_Asked] = asked) -> _Test:
-            return _tested(asked, float(frequency))
-
-        falls = [tested(each).fall for each in frequencies]
-        likeliest = float(frequencies[int(np.argmax(falls))])
-        test = tested(likeliest)
-        if not _is_resonance(test, likeliest, tested, count):
+        frequencies = _frequencies(kind, lowest, duration)
+        begun = [_Asked.of(each, kind) for each in stretches]
+        asked, likeliest, test = _likeliest(begun, frequencies)
+        trials = len(frequencies) * len(kind.damping)
+        if not _is_resonance(test, asked, likeliest, trials):
             continue
         shift = length_of(found)(_moved_body(asked, likeliest, test.pull))
         if shift > settings.matters and (best is None or test.fall > best[0]):
@@ -132,6 +129,22 @@ def resonance(found: Posterior, settings: VerdictSettings = VERDICT) -> Resonanc
             if mass is None or mass > 0:
                 best = test.fall, Resonance(kind.name, likeliest, mass, shift)
     return None if best is None else best[1]
+
+
+def _frequencies(kind: _Kind, lowest: float, duration: float) -> Array:
+    """Those that are asked for [Hz], shape (f,): a line is as wide as the damping makes it, and no
+    narrower than the stretch resolves.
+
+    Args:
+        kind: What moves.
+        lowest: The first of them [Hz].
+        duration: Of the longest stretch [s].
+    """
+    found = [lowest]
+    while found[-1] < kind.highest:
+        width = np.hypot(1 / duration, 2 * kind.damping[-1] * found[-1])
+        found.append(min(found[-1] + _LINE * float(width), kind.highest))
+    return np.array(found)
 
 
 class _Test(NamedTuple):
@@ -143,13 +156,34 @@ class _Test(NamedTuple):
     """Its size, shape (c,): mass, and mass times place, for each direction."""
 
 
-def _is_resonance(
-    test: _Test, frequency: float, tested: Callable[[float], _Test], count: int
-) -> bool:
+def _likeliest(
+    begun: Sequence[_Asked], frequencies: Array
+) -> tuple[Sequence[_Asked], float, _Test]:
+    """Where the cost falls most: with which damping, at which frequency, and what is found there.
+
+    Args:
+        begun: All stretches, asked with the widest line.
+        frequencies: That are asked for [Hz], shape (f,).
+    """
+    falls = [_tested(begun, float(each)).fall for each in frequencies]
+    best = int(np.argmax(falls))
+    around = frequencies[max(best - 1, 0)], frequencies[min(best + 1, len(frequencies) - 1)]
+    found: tuple[Sequence[_Asked], float, _Test] | None = None
+    for damping in begun[0].kind.damping:
+        asked = [replace(each, damping=damping) for each in begun]
+        for frequency in np.linspace(*around, _NEAR):
+            test = _tested(asked, float(frequency))
+            if found is None or test.fall > found[2].fall:
+                found = asked, float(frequency), test
+    assert found is not None  # every kind has a damping
+    return found
+
+
+def _is_resonance(test: _Test, asked: Sequence[_Asked], frequency: float, trials: int) -> bool:
     """Whether it is surely there, and at no other frequency."""
-    if float(chi2_tail(test.fall, len(test.pull))) * count > _CHANCE:
+    if float(chi2_tail(test.fall, len(test.pull))) * trials > _CHANCE:
         return False
-    beside = (tested(frequency * _BESIDE), tested(frequency / _BESIDE))
+    beside = (_tested(asked, frequency * _BESIDE), _tested(asked, frequency / _BESIDE))
     return all(test.fall > _SHARP * each.fall for each in beside)
 
 
@@ -192,11 +226,11 @@ class _Stretch:
         before = np.minimum(steps.astype(np.intp), max(len(self.instants) - 2, 0))
         return before, (steps - before)[:, None]
 
-    def response(self, kind: _Kind, frequency: float) -> Array:
+    def response(self, kind: _Kind, frequency: float, damping: float) -> Array:
         """Pull of a kilogramme, platform frame [N], shape (n, 3)."""
         driven = self.level if kind.name == "swings" else self.felt
         # It begins as it would hang at rest.
-        followed = _followed(driven - driven[0], 2 * np.pi * frequency, kind.damping) - driven[0]
+        followed = _followed(driven - driven[0], 2 * np.pi * frequency, damping) - driven[0]
         before, share = self._between
         after = np.minimum(before + 1, len(followed) - 1)
         pull = followed[before] * (1 - share) + followed[after] * share
@@ -211,6 +245,8 @@ class _Asked:
 
     stretch: _Stretch
     kind: _Kind
+    damping: float
+    """Ratio."""
     by_pull: tuple[Array, ...]
     """How the whitened balance follows each component of a pull, shape (n, 6, c) each: of a kilogramme
     and of a kilogramme a metre away."""
@@ -221,11 +257,16 @@ class _Asked:
         wrenches = _wrenches(kind)
         white = (stretch.whitener / stretch.scatter) @ wrenches.reshape(DIRECTIONS, -1)
         whole = white.reshape(*white.shape[:2], *wrenches.shape[1:])
-        return cls(stretch, kind, tuple(np.ascontiguousarray(whole[..., i]) for i in range(3)))
+        return cls(
+            stretch,
+            kind,
+            kind.damping[-1],
+            tuple(np.ascontiguousarray(whole[..., i]) for i in range(3)),
+        )
 
     def rows(self, frequency: float) -> Array:
         """Columns of the balance as the residual is, shape (6 n - 6, c)."""
-        pull = self.stretch.response(self.kind, frequency)
+        pull = self.stretch.response(self.kind, frequency, self.damping)
         white, *others = (
             own * p[:, None, None] for own, p in zip(self.by_pull, pull.T, strict=True)
         )
