@@ -106,7 +106,9 @@ def cells(scene: Scene, rng: np.random.Generator) -> Stream:
     read = np.column_stack([np.interp(t, fine, each) for each in tension.T])
     gain = 1 + kind.gains * (0.01 * rng.standard_normal(m) + 0.005 * rng.normal())
     sigma = (0.001 if kind.pushed else 0.008) * pull
-    offset = (0.2 if kind.pushed else 0.01) * pull * rng.standard_normal(m)
+    # The contract's default: of the median tension.
+    zero = 0.2 * pull if kind.pushed else 0.01 * float(np.median(read))
+    offset = zero * rng.standard_normal(m)
     noise = (
         _colored(read.shape, 1 / RATE, kind.coloured, rng)
         if kind.coloured

@@ -17,16 +17,7 @@ from steelyard.smoothing import DEGREE, knots
 def in_parts(forces, size):
     """The same forces, so many samples at a time."""
     for start in range(0, len(forces.time), size):
-        own = slice(start, start + size)
-        yield Forces(
-            **{
-                **vars(forces),
-                "time": forces.time[own],
-                "readings": {name: each[own] for name, each in forces.readings.items()},
-                "left_out": forces.left_out[own],
-                "late": None if forces.late is None else forces.late[own],
-            }
-        )
+        yield forces.part(slice(start, start + size))
 
 
 @pytest.mark.integration

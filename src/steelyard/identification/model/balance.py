@@ -30,8 +30,10 @@ from steelyard.identification.model.calibration_parameters import (
 from steelyard.identification.model.motion_residuals import reference_clocks, time_of
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Basis, motion_at
+from steelyard.identification.model.slopes import slopes
 from steelyard.identification.model.sources import Source
 from steelyard.inertia import TEN
+from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.equations import follows_readings, solve_for
 from steelyard.instruments.tension import PRESLIDING, rolled_along
 from steelyard.robot.model import DIRECTIONS
@@ -74,6 +76,9 @@ class Forces:
     unread: NDArray[np.bool_] | None = None
     """Readings of cables without a sensor, whose values are a guess, shape (r,); None: there are
     none."""
+    changes: Array | None = None
+    """Second and third derivative of the readings, which say what a filter has smoothed [N/s^2],
+    [N/s^3] and of torques, shape (2, n, r); None: not looked at, as of poses at rest."""
 
     @property
     def touched(self) -> NDArray[np.bool_]:
@@ -98,7 +103,7 @@ class Forces:
         for start in range(0, len(self.time), _AT_ONCE):
             yield self.part(slice(start, start + _AT_ONCE))
 
-    def part(self, own: slice) -> Forces:
+    def part(self, own: slice | NDArray[np.bool_]) -> Forces:
         """Some of its samples.
 
         Args:
@@ -110,7 +115,17 @@ class Forces:
             readings={quantity: values[own] for quantity, values in self.readings.items()},
             left_out=self.left_out[own],
             late=None if self.late is None else self.late[own],
+            changes=None if self.changes is None else self.changes[:, own],
         )
+
+    def with_changes(self) -> Forces:
+        """With the derivatives of the readings, those that are left out bridged."""
+        whole = np.hstack(list(self.readings.values()))
+        for column, lost in zip(whole.T, self.left_out.T, strict=True):
+            if lost.any() and not lost.all():
+                column[lost] = np.interp(self.time[lost], self.time[~lost], column[~lost])
+        second = slopes(self.time, slopes(self.time, whole))
+        return replace(self, changes=np.stack([second, slopes(self.time, second)]))
 
     def sigmas(self, segment: Segment, factors: Mapping[Source, float]) -> Array:
         """1-sigma of every reading, shape (n, r)."""
@@ -390,7 +405,10 @@ def balance_at(
     needed = motion.pop("wrench")
     motion |= _remembered(experiment, segment, force_samples, calibration, motion)
     coloured = disturbance_of_forces(segment, force_samples, local)
-    told = undisturbed(force_samples, coloured)
+    told = unfiltered(
+        undisturbed(force_samples, coloured),
+        time_constant(experiment, segment, force_samples, calibration),
+    )
     measured = _measured(experiment, segment, told, calibration, motion)
     left_over = measured.wrench - needed
     disturbance = unmodelled_processes(segment, local)
@@ -526,6 +544,48 @@ def undisturbed(force_samples: Forces, added: Array) -> Forces:
         for quantity, values in force_samples.readings.items()
     }
     return replace(force_samples, readings=readings)
+
+
+def time_constant(
+    experiment: Experiment, segment: Segment, force_samples: Forces, calibration: CalibrationValues
+) -> float:
+    """Of the filter of a force instrument [s]."""
+    instrument = experiment.instruments[force_samples.name]
+    errors = calibration.of(force_samples.name, instrument, segment.run)
+    return float(np.squeeze(errors.get(TIME_CONSTANT, 0.0)))
+
+
+def unfiltered(force_samples: Forces, constant: float) -> Forces:
+    """Force readings as they would be if their filter made them late and nothing else.
+
+    Args:
+        force_samples: Force readings.
+        constant: Time constant T of the filter [s].
+    """
+    if force_samples.changes is None or constant == 0.0:
+        return force_samples
+    smoothed = smoothed_by_filter(force_samples.changes, constant)
+    readings = {
+        quantity: values - smoothed[:, force_samples.places[quantity]]
+        for quantity, values in force_samples.readings.items()
+    }
+    return replace(force_samples, readings=readings)
+
+
+def smoothed_by_filter(changes: Array, constant: float, order: int = 0) -> Array:
+    """What a first-order filter adds to readings beside its delay: ``(s T)^2 / 2 - (s T)^3 / 3`` of
+    them, since ``exp(-s T) (1 + s T) = 1 - (s T)^2 / 2 + (s T)^3 / 3 - ...``; the delay is in
+    :func:`balance_times`. Shape (n, r).
+
+    Args:
+        changes: Of :class:`Forces`, shape (2, n, r).
+        constant: Time constant T of the filter [s].
+        order: Of the derivative by T.
+    """
+    by_second, by_third = (
+        (constant**2 / 2, constant**3 / 3) if order == 0 else (constant, constant**2)
+    )
+    return np.asarray(by_second * changes[0] - by_third * changes[1])
 
 
 def unmodelled_processes(segment: Segment, local: Basis, order: int = 0) -> Array:

@@ -25,6 +25,8 @@ from steelyard.identification.model.balance import (
     balance_at,
     balance_times,
     moving_at,
+    smoothed_by_filter,
+    time_constant,
     unmodelled_processes,
 )
 from steelyard.identification.model.balance_equations import derivatives_of_balance
@@ -54,6 +56,7 @@ from steelyard.identification.model.segment import (
     motion_at,
     spread,
 )
+from steelyard.identification.model.slopes import AROUND, slopes
 from steelyard.identification.model.sources import Source
 from steelyard.identification.tally import (
     Tally,
@@ -69,11 +72,6 @@ from steelyard.robot.model import DIRECTIONS
 
 BALANCE = "balance"
 """What the rows are of, beside the quantities of the instrument."""
-_SLOPE = 0.1
-"""Half the time over which the change of a tension is looked at [s]: noise of readings at 25 Hz leaves
-some newtons a second of it, and a platform that swings with 1.5 Hz on its ropes all but a tenth."""
-_INSTANT = 1e-4
-"""Samples closer than this are of one instant [s]: means of dense streams are a millisecond apart."""
 _TRAVEL_STEP = 1e-6
 """Step of a travel that shows how friction follows it [m]."""
 _ByParameters = Iterator[tuple[slice, Array]]
@@ -271,7 +269,7 @@ def carried_tensions(
 
     def at_times(times: Array) -> CarriedTensions:
         whole = balance_times(experiment, segment, forces, calibration)
-        around = 0.0 if segment.static else _SLOPE
+        around = 0.0 if segment.static else AROUND
         first, last = np.searchsorted(whole, [times.min() - around, times.max() + around])
         part = forces.part(slice(max(0, int(first) - 1), int(last) + 2))
         point = _point_of(experiment, segment, part, calibration, body, factors)
@@ -347,33 +345,8 @@ def _changes(point: _BalancePoint, tension: Array) -> tuple[Array, Array, Array]
     anchors, attachments = (geometry[f"{key}s"].reshape(-1, 3) for key in ("anchor", "attachment"))
     turned = np.einsum("nij,mj->nmi", at.motion["rotation"], attachments)
     length = np.linalg.norm(anchors - at.motion["position"][:, None] - turned, axis=2)
-    rate = _slopes(at.time, tension)
-    return rate, _slopes(at.time, rate), tension * _slopes(at.time, length) / length
-
-
-def _slopes(time: Array, values: Array) -> Array:
-    """How fast something changes, by lines through what was read about each time, shape (n, m).
-
-    Args:
-        time: Ascending [s], shape (n,).
-        values: Shape (n, m).
-    """
-    n = len(time)
-    if n < 2:
-        return np.zeros_like(values)
-    own = np.arange(n)
-    first = np.minimum(np.searchsorted(time, time - _SLOPE), np.maximum(own - 1, 0))
-    last = np.maximum(np.searchsorted(time, time + _SLOPE, side="right"), np.minimum(own + 2, n))
-    t, x = time - time.mean(), values - values.mean(axis=0)
-    sums = np.cumsum(np.column_stack([np.ones(n), t, t**2, x, t[:, None] * x]), axis=0)
-    sums = np.vstack([np.zeros(sums.shape[1]), sums])
-    count, by_t, by_square, rest = np.split(sums[last] - sums[first], [1, 2, 3], axis=1)
-    by_x, by_both = np.split(rest, 2, axis=1)
-    width = by_square - by_t**2 / count
-    # Samples of one instant tell no rate.
-    apart = width > _INSTANT**2
-    slopes = (by_both - by_t * by_x / count) / np.where(apart, width, 1.0)
-    return np.asarray(np.where(apart, slopes, 0.0))
+    rate = slopes(at.time, tension)
+    return rate, slopes(at.time, rate), tension * slopes(at.time, length) / length
 
 
 def _interpolated(found: CarriedTensions, own: Array, times: Array) -> CarriedTensions:
@@ -595,8 +568,20 @@ def _by_moving(point: _BalancePoint, by: tuple[Array, Array, Array]) -> _ByParam
         yield origin, -by_delay
     places = parameters.places_of(name, point.instrument, segment.run)
     if TIME_CONSTANT in places:
-        yield places[TIME_CONSTANT], by_delay
+        yield places[TIME_CONSTANT], by_delay + _by_smoothing(point)
     yield parameters.places[ROBOT, DRAG, None], point.derivatives["by_drag"][:, :, None]
+
+
+def _by_smoothing(point: _BalancePoint) -> Array:
+    """Derivative of the balance by the time constant of a filter as far as it is no delay, shape (n,
+    6, 1).
+    """
+    forces = point.force_samples
+    if forces.changes is None:
+        return np.zeros((len(forces.time), DIRECTIONS, 1))
+    constant = time_constant(point.experiment, point.segment, forces, point.calibration)
+    by_constant = smoothed_by_filter(forces.changes, constant, order=1)
+    return np.asarray(-point.at.by_reading @ by_constant[:, :, None])
 
 
 def _origins(at: Balance) -> tuple[Array, Array]:

@@ -37,7 +37,8 @@ def force_samples_of(
     )
     sigma = force_sigma(experiment, run, samples)[0]
     read = {quantity: own[inside] for quantity, own in values.items()}
-    return forces_of(experiment, name, time[inside], read, sigma)
+    forces = forces_of(experiment, name, time[inside], read, sigma)
+    return forces if run.static else forces.with_changes()
 
 
 def forces_of(

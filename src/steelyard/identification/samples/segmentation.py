@@ -103,13 +103,7 @@ def _poses(
             readings.append(Reading((name, quantity.name), stream.time[use], values[use], sigma))
     segment = Segment(run.name, numbers, tuple(readings), pose, static=True)
     force_samples = force_samples_of(experiment, run, samples, -np.inf, np.inf)
-    keep = np.isin(force_samples.time, numbers)
-    force_samples = replace(
-        force_samples,
-        time=force_samples.time[keep],
-        readings={k: v[keep] for k, v in force_samples.readings.items()},
-        left_out=force_samples.left_out[keep],
-    )
+    force_samples = force_samples.part(np.isin(force_samples.time, numbers))
 
     def unit_of(source: tuple[str, str]) -> str:
         instrument = experiment.instruments[source[0]]

@@ -1,0 +1,45 @@
+"""Slopes of samples, and filtered readings without what their filter has smoothed, against the
+solution of its equation."""
+
+import numpy as np
+import pytest
+
+from steelyard.identification.model.balance import Forces, unfiltered
+from steelyard.identification.model.slopes import slopes
+
+
+def test_samples_of_one_instant_tell_no_rate():
+    time = np.array([0.0, 0.04, 0.08, 0.12, 0.16, 1.2, 1.2])
+    found = slopes(time, 5.0 + np.outer(time, [3.0, -2.0]))
+    np.testing.assert_allclose(found[:5], np.tile([3.0, -2.0], (5, 1)), rtol=1e-9)
+    assert np.isfinite(found).all()
+    assert not slopes(np.zeros(1), np.ones((1, 2))).any()
+    assert not slopes(np.zeros(2), np.array([[1.0], [4.0]])).any()
+
+
+@pytest.mark.parametrize("frequency", [0.3, 0.8, 1.3])
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_filtered_reading_is_a_late_one_without_what_was_smoothed(frequency, lost):
+    """As a delay alone, 30 ms at 1.3 Hz leave 3 % of what changes."""
+    time, omega, constant = np.arange(0.0, 6.0, 0.01), 2 * np.pi * frequency, 0.03
+    # x' = (u - x) / T with u = sin: of size 1 / sqrt(1 + (w T)^2), behind by atan(w T).
+    lag, size = np.arctan(omega * constant), 1 / np.hypot(1.0, omega * constant)
+    read = 500.0 + 100.0 * size * np.sin(omega * time - lag)[:, None]
+    gone = np.zeros(read.shape, dtype=bool)
+    if lost:
+        gone[300] = True
+        read[300] = 9000.0
+    forces = Forces("cables", time, {"tension": read}, np.ones(1), gone).with_changes()
+    found = unfiltered(forces, constant).readings["tension"]
+    expected = 500.0 + 100.0 * np.sin(omega * (time - constant))[:, None]
+    inside = ((time > 0.4) & (time < 5.6))[:, None] & ~gone
+    left = np.abs(found - expected)[inside].max()
+    # Lines over two tenths of a second do not follow the fastest wholly.
+    assert left < max(0.25 * np.abs(read - expected)[inside].max(), 0.1)
+
+
+def test_poses_at_rest_have_no_filter():
+    forces = Forces(
+        "cables", np.arange(3.0), {"tension": np.ones((3, 1))}, np.ones(1), np.zeros((3, 1), bool)
+    )
+    assert unfiltered(forces, 0.03) is forces
