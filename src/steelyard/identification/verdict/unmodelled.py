@@ -8,8 +8,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.identification.model.balance import UNMODELLED_PARTS, balance_of
-from steelyard.identification.solve.misfits.disturbances import unstated_along
+from steelyard.identification.solve.misfits.disturbances import (
+    root_mean_square,
+    unstated_along,
+)
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.settings import VerdictSettings
 from steelyard.inertia import Inertia
@@ -20,7 +24,8 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
     robot = posterior.experiment.robot
     weight = abs(float(posterior.parameters[0])) * float(np.linalg.norm(robot.gravity))
     for segment in posterior.fit.state.segments:
-        for process, rms in unstated_along(segment):
+        for process, along in unstated_along(segment):
+            rms = root_mean_square(along)
             owner, name = process.disturbs
             part = UNMODELLED_PARTS.get(process.source)
             if part is None:
@@ -47,12 +52,14 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
                     " platform, or state it under 'uncertainty: {unmodelled: …}'"
                 )
             turning = _turning(posterior, segment.run)
-            if part.start == 3 and np.linalg.norm(rms) > settings.largest_torque * turning:
+            # What drifts does not follow a platform that turns to and fro.
+            follows = float(np.linalg.norm(root_mean_square(_beside_its_line(along))))
+            if part.start == 3 and follows > settings.largest_torque * turning:
                 # It is taken as independent of the motion. What is not is in the moments of
                 # inertia, the more, the larger it is beside what they withstand.
                 yield (
                     f"run '{segment.run}': an {name} that nothing explains is as large as"
-                    f" {np.linalg.norm(rms) / max(turning, 1e-300):.0%} of the torque that turns the"
+                    f" {follows / max(turning, 1e-300):.0%} of the torque that turns the"
                     " platform, so that the inertia may be off by more than its 1-sigma; turn the"
                     " platform faster, remove what pulls at it, or state it under 'uncertainty:"
                     " {unmodelled: …}'"
@@ -103,6 +110,14 @@ def scatter_beside(posterior: Posterior) -> float:
         square += float(np.sum(taken_up**2))
         count += taken_up.size
     return square / max(count, 1)
+
+
+def _beside_its_line(along: Array) -> Array:
+    """Something at even instants less the straight line through it, shape (t, p)."""
+    time = np.linspace(-1.0, 1.0, len(along))
+    line = np.stack([np.ones_like(time), time], axis=1)
+    found, *_ = np.linalg.lstsq(line, along, rcond=None)
+    return np.asarray(along - line @ found)
 
 
 def _turning(posterior: Posterior, run: str) -> float:

@@ -91,21 +91,31 @@ def with_disturbances(
 
 
 def unstated_along(segment: Segment) -> Iterator[tuple[Process, Array]]:
-    """Disturbances of a segment that nobody has stated, and their root mean squares along it in SI
-    units, shape (p,) each.
+    """Disturbances of a segment that nobody has stated, and what they are at instants along it in SI
+    units, shape (t, p) each.
     """
     if segment.static:
         return
     local = segment.basis(np.linspace(*segment.span, _INSTANTS))
     for each in segment.processes:
         if not each.is_stated:
-            yield each, np.sqrt(np.mean(segment.disturbance(each, local) ** 2, axis=0))
+            yield each, np.asarray(segment.disturbance(each, local))
+
+
+def root_mean_square(along: Array) -> Array:
+    """Of something along a segment, shape (p,).
+
+    Args:
+        along: At instants, shape (t, p).
+    """
+    return np.asarray(np.sqrt(np.mean(along**2, axis=0)))
 
 
 def too_large(task: Task, state: FitState) -> bool:
     """Whether a motion instrument is disturbed by more than devices are: its description is wrong."""
     for segment in state.segments:
-        for process, rms in unstated_along(segment):
+        for process, along in unstated_along(segment):
+            rms = root_mean_square(along)
             owner, name = process.disturbs
             unit = task.experiment.instruments[owner].quantity(name, task.experiment.robot.m).unit
             if rms.max() > task.settings.largest_disturbance.get(unit, np.inf):
