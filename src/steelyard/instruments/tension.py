@@ -39,6 +39,9 @@ _CROSSTALK = 0.005
 """1-sigma of the part of another cable that a sensor reads where sensors do so."""
 CROSSTALK = "crosstalk"
 """Key of these parts."""
+GAINS = ("gain", "common_gain")
+"""Keys of errors by which a reading is a multiple of its tension: all tensions, the body and the
+stretch of cables multiplied alike read the same."""
 PRESLIDING = "presliding"
 """Key of that travel."""
 _LEAST_TRAVEL = 3e-4

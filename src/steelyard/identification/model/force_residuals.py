@@ -67,7 +67,7 @@ from steelyard.identification.tally import (
 from steelyard.inertia import TEN
 from steelyard.instruments.base import TIME_CONSTANT, Instrument
 from steelyard.instruments.equations import following, sensitivity
-from steelyard.instruments.tension import PRESLIDING, rolled_along
+from steelyard.instruments.tension import GAINS, PRESLIDING, rolled_along
 from steelyard.robot.model import DIRECTIONS
 
 BALANCE = "balance"
@@ -307,8 +307,10 @@ def _carried_of(
         by_rate = by_rate + moved[1]
     for each, place, own in _of_readings(point):
         by_state[:, :, place] -= by_reading[:, :, own] * each.sizes
-    border = Border(column_of, n, m)
+    border, gains = Border(column_of, n, m), Border(column_of, n, m)
     border.extend(np.arange(TEN), following_balance(_by_body(point, parameters)))
+    for place, own_gain in _by_gains(point):
+        gains.put(place, own_gain)
     for place, change in _terms_of_readings(point, at.asked):
         by_wrench = at.measured.changes_of_wrench(change)
         border.put(place, change + following_balance(by_wrench))
@@ -329,7 +331,9 @@ def _carried_of(
         by_acceleration,
         by_border,
         columns,
-        np.asarray(np.sum(noise**2, axis=2)),
+        noise,
+        np.eye(m) + following_balance(at.measured.changes_of_wrench(np.eye(m)[None])),
+        *gains.collected(),
         *_changes(point, values),
     )
 
@@ -350,8 +354,8 @@ def _changes(point: _BalancePoint, tension: Array) -> tuple[Array, Array, Array]
 
 
 def _interpolated(found: CarriedTensions, own: Array, times: Array) -> CarriedTensions:
-    """At other times, linearly; before the first and after the last they are as at these, and follow
-    nothing: what the motion does there does not change them.
+    """At other times, linearly; before the first and after the last they are as at these, and do not
+    follow the motion: what it does there does not change them.
 
     Readings that are more than the tensions have their noise in common: its variance counts as often
     as that.
@@ -367,20 +371,23 @@ def _interpolated(found: CarriedTensions, own: Array, times: Array) -> CarriedTe
         weight = share.reshape(-1, *([1] * (values.ndim - 1)))
         return np.asarray(values[left] * (1 - weight) + values[right] * weight)
 
-    def derivative(values: Array) -> Array:
+    def by_motion(values: Array) -> Array:
         return between(values) * inside.reshape(-1, *([1] * (values.ndim - 1)))
 
     return CarriedTensions(
         between(found.values),
-        derivative(found.by_state),
-        derivative(found.by_rate),
-        derivative(found.by_acceleration),
-        derivative(found.by_border),
+        by_motion(found.by_state),
+        by_motion(found.by_rate),
+        by_motion(found.by_acceleration),
+        between(found.by_border),
         found.columns,
-        between(found.variance) * max(1.0, len(times) / len(own)),
-        derivative(found.rate),
-        derivative(found.bend),
-        derivative(found.feed),
+        between(found.noise) * np.sqrt(max(1.0, len(times) / len(own))),
+        between(found.kept),
+        between(found.by_gain),
+        found.gains,
+        by_motion(found.rate),
+        by_motion(found.bend),
+        by_motion(found.feed),
     )
 
 
@@ -508,6 +515,21 @@ def _terms_of_readings(point: _BalancePoint, values: Array) -> _ByParameters:
     by_travel = (longer - shorter) / (2 * _TRAVEL_STEP)
     further = np.einsum("nkm,nm->nk", by_rolling, by_travel)
     yield parameters.place(name, PRESLIDING, run), further[:, :, None]
+
+
+def _by_gains(point: _BalancePoint) -> _ByParameters:
+    """Derivative of tensions by gains, of a newton of each, shape (n, m, g)."""
+    places = point.calibration.calibration_parameters.places_of(
+        point.force_samples.name, point.instrument, point.segment.run
+    )
+    gains, asked = [places[key] for key in GAINS if key in places], point.at.asked
+    if not gains:
+        return
+    some = _terms_of_readings(point, asked)
+    more = _terms_of_readings(point, asked + 1.0)
+    for (place, change), (_, changed) in zip(some, more, strict=True):
+        if place in gains:
+            yield place, changed - change
 
 
 def _by_robot(point: _BalancePoint) -> _ByParameters:

@@ -8,7 +8,6 @@ where the motion of a segment is.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -303,7 +302,7 @@ def _of_reading(
     border = Border(column_of, n, k)
     by_processes: Array | None = None
     if followed is not None:
-        slope, tensions = linear["by_tension"], followed.carried
+        slope, tensions = linear["by_tension"], followed.about
         changes = slope @ tensions.by_state
         by_processes = changes[:, :, POSE:]
         by = (
@@ -439,8 +438,12 @@ class _CorrectedTensions:
         """Tensions about which is linearised."""
         if self._off is None:
             self.carried = self._at(times)
-            return self.carried
-        return replace(self.carried, values=self.carried.values - self._off)
+        return self.about
+
+    @property
+    def about(self) -> CarriedTensions:
+        """The same, once the times are known."""
+        return self.carried if self._off is None else self.carried.without(self._off)
 
     def deviation(self, slope: Array) -> Array:
         """1-sigma of the residuals by noise of the lengths and of the tensions, shape (n, k).
@@ -455,13 +458,16 @@ class _CorrectedTensions:
         """Take off the noise that the residuals show, no more than noise may do; whether there is
         any.
         """
-        slope, variance = linear["by_tension"], self.carried.variance
-        sigma = self.deviation(slope)
-        far = limit(1) * sigma
+        slope, noise = linear["by_tension"], self.carried.noise
+        far = limit(1) * self.deviation(slope)
         residual = np.clip(np.nan_to_num(linear["residual"]), -far, far)
+        shown = slope @ noise
+        own = np.broadcast_to(np.square(self._sigma), residual.shape)
+        covariance = shown @ shown.transpose(0, 2, 1) + own[:, :, None] * np.eye(own.shape[1])
+        likeliest = np.linalg.solve(covariance, residual[:, :, None])
+        off = (noise @ (shown.transpose(0, 2, 1) @ likeliest))[:, :, 0]
         # No cable is pulled slack by noise.
         most = 0.5 * np.abs(self.carried.values)
-        off = variance * np.einsum("nkm,nk->nm", slope, residual / sigma**2)
         self._off = np.clip(off, -most, most)
         return bool(self._off.any())
 

@@ -88,8 +88,16 @@ class CarriedTensions:
     """Derivative by some border parameters, shape (n, m, c)."""
     columns: NDArray[np.intp]
     """Which these are, shape (c,)."""
-    variance: Array
-    """What noise of the force readings leaves of them [N^2], shape (n, m)."""
+    noise: Array
+    """What each of p noises of the force readings leaves of them, as one 1-sigma [N], shape (n, m,
+    p)."""
+    kept: Array
+    """What of a change of the measured tensions the correction that carries the body leaves, shape (n,
+    m, m)."""
+    by_gain: Array
+    """Derivative of the measured tensions by gains, of a newton of each, shape (n, m, g)."""
+    gains: NDArray[np.intp]
+    """Which border parameters these are, shape (g,)."""
     rate: Array
     """How fast they change [N/s], shape (n, m)."""
     bend: Array
@@ -97,6 +105,27 @@ class CarriedTensions:
     feed: Array
     """How fast tensions would change by what is fed if that left the stretch as it is [N/s], shape
     (n, m)."""
+
+    @property
+    def variance(self) -> Array:
+        """What noise of the force readings leaves of them [N^2], shape (n, m)."""
+        return np.asarray(np.sum(self.noise**2, axis=2))
+
+    def without(self, off: Array) -> CarriedTensions:
+        """With other tensions, and what follows from their size.
+
+        A scale that the readings, the body and the stretch of the cables share changes nothing that
+        is read. That must be so in the derivatives, too, or noise that is taken off some of them
+        would pull at the scale.
+
+        Args:
+            off: What is taken off [N], in directions in which tensions carry nothing, shape (n, m).
+        """
+        by_border = self.by_border.copy()
+        further = self.kept @ (off[:, :, None] * self.by_gain)
+        _, own, from_gains = np.intersect1d(self.columns, self.gains, return_indices=True)
+        by_border[:, :, own] -= further[:, :, from_gains]
+        return replace(self, values=self.values - off, by_border=by_border)
 
     def behind(self, lags: Array, columns: NDArray[np.intp]) -> CarriedTensions:
         """Those by which cables stretch that damp: a first-order filter of the tensions, which change
