@@ -74,6 +74,19 @@ def test_a_replay_ends_where_the_recursion_does(points, recursive):
     assert np.nanmax(records[0].deviation / records[-1].deviation) > 1.2
 
 
+def test_a_row_waits_neither_for_the_past_nor_for_the_verdict(points):
+    session, records = replayed(points)
+    # What the first row shows has been judged after it.
+    assert [each.accepted for each in records] == [None, *[True] * (len(records) - 1)]
+    window = session.following.window
+    lag = session.settings.recursion.lag
+    # A call later the last row waits no longer.
+    after, none = session.advanced()
+    assert not none
+    assert len(after.following.window.chunks) * window.grid.length <= lag
+    assert after.following.instants[-1] is session.following.instants[-1]
+
+
 @pytest.mark.slow
 def test_samples_out_of_order_tell_the_same(points):
     one, _ = replayed(points)

@@ -13,7 +13,7 @@ from steelyard.estimates.estimate import Estimate, no_estimate, plausible_radius
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.recursive import Recursive
-from steelyard.identification.recursive.events import advanced
+from steelyard.identification.recursive.events import advanced, followed_on
 from steelyard.identification.recursive.follow import LOST, begin
 from steelyard.identification.recursive.following import Event, Following
 from steelyard.identification.recursive.outlook import seconds_until
@@ -42,6 +42,8 @@ class Session:
     """Instrument -> time of one common event on its clock [s]; empty: the clocks agree."""
     buffer: Buffer = field(default_factory=Buffer)
     following: Following | None = None
+    before: Following | None = None
+    """Without the last chunk, while that is new: see :meth:`_relieved`."""
     paused: float | None = None
     """Since when forces or motion have been missing [s]; None: they are there."""
     tried: float = 0.0
@@ -65,7 +67,8 @@ class Session:
 
     def advanced(self) -> tuple[Session, list[Record]]:
         """With all chunks that have arrived whole, and what is known after each."""
-        found, records = self, list[Record]()
+        # Nobody waits for a row now: the last one is out.
+        found, records = self._relieved(), list[Record]()
         if found.following is None:
             found = found._begun()
         if found.following is not None and found.paused is not None:
@@ -75,7 +78,7 @@ class Session:
             and found.paused is None
             and found._is_ready(found.following)
         ):
-            found, record = found._further(found.following)
+            found, record = found._further()
             records += record
         return found._trimmed(), records
 
@@ -103,7 +106,7 @@ class Session:
 
     def ended(self) -> tuple[Session, Estimate]:
         """After all that has arrived, with an estimate from it."""
-        found = self
+        found = self._relieved()
         if found.following is None:
             return found, no_estimate(Recursive.name, found.why or _NOTHING_YET)
         following = found.following
@@ -182,25 +185,49 @@ class Session:
             return replace(self, paused=start + self.settings.again, why=str(error))
         return replace(self, following=resumed, paused=None)
 
-    def _further(self, before: Following) -> tuple[Session, list[Record]]:
-        """With the next chunk."""
-        _, end = before.window.grid.span(before.number)
+    def _relieved(self) -> Session:
+        """After what the row of the last chunk does not wait for: its oldest chunk leaves the window,
+        and all that was seen is judged where it is time.
+        """
+        following, before = self.following, self.before
+        if following is None or before is None:
+            return self
+        found = replace(self, before=None)
         try:
-            following = advanced(before, self.run) if before.has(self.run) else None
+            following = following.relieved().summed(self.settings.parts)
+        except LOST:
+            return found._lost(before)
+        found = replace(found, following=following)
+        now = following.instants[-1].time
+        if following.is_beginning or now - self.judged < self.settings.judged:
+            return found
+        # Of a copy, without the seconds that still change: the motion goes on.
+        estimate = _estimate(following.ended_before(), courses=False)
+        return replace(found, judged=now, estimate=estimate)
+
+    def _lost(self, before: Following) -> Session:
+        """With the motion ended before a chunk that cannot be followed: it is followed again once
+        forces and motion are there.
+        """
+        _, end = before.window.grid.span(before.number)
+        return replace(self, following=before.ended(), paused=end)
+
+    def _further(self) -> tuple[Session, list[Record]]:
+        """With the next chunk."""
+        found = self._relieved()
+        before = found.following
+        if before is None or found.paused is not None:
+            return found, []
+        try:
+            following = followed_on(before, found.run) if before.has(found.run) else None
         except LOST:
             following = None
         if following is None:
-            # It is followed again once forces and motion are there.
-            return replace(self, following=before.ended(), paused=end), []
-        following = following.summed(self.settings.parts)
-        found = replace(self, following=following)
+            return found._lost(before), []
+        found = replace(found, following=following, before=before)
         if following.is_beginning:
             return found, []
         instant = following.instants[-1]
-        if instant.time - found.judged >= found.settings.judged:
-            # Of a copy, without the seconds that still change: the motion goes on.
-            estimate = _estimate(following.ended_before(), courses=False)
-            found = replace(found, judged=instant.time, estimate=estimate)
         verdict = None if found.estimate is None else found.estimate.verdict
         force = following.like.forces.name
         origin = found.sync[force]

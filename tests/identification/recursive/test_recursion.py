@@ -11,8 +11,9 @@ from steelyard.identification.identify import identify
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import integrals_of
 from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations, Rows, accumulate
-from steelyard.identification.recursive.events import advanced
+from steelyard.identification.recursive.events import advanced, followed_on
 from steelyard.identification.recursive.follow import begin, follow
+from steelyard.identification.recursive.following import Instant
 from steelyard.identification.recursive.grid import KnotGrid
 from steelyard.identification.recursive.parts import with_further
 from steelyard.identification.recursive.past import Linear, Point, eliminated, in_one, together
@@ -256,6 +257,19 @@ def test_parts_that_are_summed_up_tell_the_same(points):
     one, other = posterior.solution, judged.solution
     assert other.value == pytest.approx(one.value, rel=1e-6, abs=1e-9)
     assert np.diag(other.covariance) == pytest.approx(np.diag(one.covariance), rel=1e-6)
+
+
+@pytest.mark.integration
+def test_what_leaves_the_window_changes_nothing_that_is_known_now(points):
+    found, (run,) = begin(points), points.runs
+    while len(found.parts) < 2:
+        told = followed_on(found, run)
+        found = told.relieved()
+        instant = told.instants[-1]
+        again = Instant.of(instant.run, instant.time, found.recursion)
+        assert np.array_equal(again.value, instant.value)
+        assert np.array_equal(again.covariance, instant.covariance)
+    assert len(told.window.chunks) == len(found.window.chunks) + 1
 
 
 @pytest.mark.integration

@@ -35,6 +35,21 @@ def advanced(following: Following, run: Run) -> Following:
         numpy.linalg.LinAlgError: The motion is not determined.
         InfeasibleError: It is where cables cannot be.
     """
+    return followed_on(following, run).relieved()
+
+
+def followed_on(following: Following, run: Run) -> Following:
+    """The same with the oldest chunk still in the window, however long that is: what is known now does
+    not wait until it has left.
+
+    Args:
+        following: Up to now, relieved.
+        run: With what has arrived.
+
+    Raises:
+        numpy.linalg.LinAlgError: The motion is not determined.
+        InfeasibleError: It is where cables cannot be.
+    """
     found = following.arrived(run)
     # What the beginning knows of the body is not known from chunks yet.
     return (found if found.is_beginning else _asked(found)).noted()

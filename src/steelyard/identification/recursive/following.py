@@ -161,15 +161,18 @@ class Following:
         return replace(self, recursion=recursion, number=self.number + 1)
 
     def noted(self) -> Following:
-        """With what is known after the last chunk, and without the oldest one where the window is
-        longer than the lag.
+        """With what is known after the last chunk."""
+        _, end = self.window.grid.span(self.number - 1)
+        instant = Instant.of(self.window.like.run, end, self.recursion)
+        return replace(self, instants=(*self.instants, instant))
+
+    def relieved(self) -> Following:
+        """Without the oldest chunk where the window is longer than the lag: what is known stays the
+        same until the next one arrives.
         """
-        found, grid = self, self.window.grid
-        if len(self.window.chunks) * grid.length > self.recursion.settings.lag:
-            found = self.passed()
-        _, end = grid.span(self.number - 1)
-        instant = Instant.of(found.window.like.run, end, found.recursion)
-        return replace(found, instants=(*found.instants, instant))
+        window = self.window
+        is_long = len(window.chunks) * window.grid.length > self.recursion.settings.lag
+        return self.passed() if is_long else self
 
     def has(self, run: Run) -> bool:
         """Whether forces and motion have been read within the next chunk.
