@@ -11,9 +11,9 @@ from steelyard.identification.identify import default_methods, identify
 from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.recursive.follow import follow
-from steelyard.identification.recursive.grid import KnotGrid
 from steelyard.identification.recursive.outlook import seconds_until
-from steelyard.identification.recursive.recursion import Window
+from steelyard.identification.recursive.window.grid import KnotGrid
+from steelyard.identification.recursive.window.window import Window
 from steelyard.inertia import Inertia
 from steelyard.live.buffer import part_of
 from steelyard.live.message import Arrival

@@ -14,10 +14,16 @@ from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations,
 from steelyard.identification.recursive.events import advanced, followed_on
 from steelyard.identification.recursive.follow import begin, follow
 from steelyard.identification.recursive.following import Instant
-from steelyard.identification.recursive.grid import KnotGrid
 from steelyard.identification.recursive.parts import with_further
-from steelyard.identification.recursive.past import Linear, Point, eliminated, in_one, together
 from steelyard.identification.recursive.settings import RECURSIVE
+from steelyard.identification.recursive.window.grid import KnotGrid
+from steelyard.identification.recursive.window.past import (
+    Linear,
+    Point,
+    eliminated,
+    in_one,
+    together,
+)
 from steelyard.identification.solve.segment_equations import segment_equations
 from steelyard.smoothing import DEGREE
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from steelyard.identification.model.segment import NormalEquations
-from steelyard.identification.recursive.walk import (
+from steelyard.identification.recursive.window.walk import (
     a_step_later,
     as_in_the_end,
     blind_to_mass,

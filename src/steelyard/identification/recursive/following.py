@@ -15,7 +15,6 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import basis, values_at
 from steelyard.identification.recursive.arrivals import Likeness, within
-from steelyard.identification.recursive.grid import KnotGrid
 from steelyard.identification.recursive.new_load import (
     FIRST,
 )
@@ -26,8 +25,12 @@ from steelyard.identification.recursive.parts import (
     summed_up,
     with_further,
 )
-from steelyard.identification.recursive.recursion import Recursion, Window
-from steelyard.identification.recursive.walk import as_in_the_end, by_mass
+from steelyard.identification.recursive.passing import passed
+from steelyard.identification.recursive.recursion import Recursion
+from steelyard.identification.recursive.settling import arrived
+from steelyard.identification.recursive.window.grid import KnotGrid
+from steelyard.identification.recursive.window.walk import as_in_the_end, by_mass
+from steelyard.identification.recursive.window.window import Window
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.beginning import (
     NoBalanceError,
@@ -157,7 +160,7 @@ class Following:
         readings, forces = within(
             self.experiment, run, self.like, self.recursion.state.calibration, span
         )
-        recursion = self.recursion.arrived(readings, forces, self._motion(self.number))
+        recursion = arrived(self.recursion, readings, forces, self._motion(self.number))
         return replace(self, recursion=recursion, number=self.number + 1)
 
     def noted(self) -> Following:
@@ -202,7 +205,7 @@ class Following:
 
     def passed(self) -> Following:
         """With the oldest chunk of the window eliminated."""
-        recursion, part = self.recursion.passed()
+        recursion, part = passed(self.recursion)
         return replace(self, recursion=recursion, parts=with_further(self.parts, part))
 
     def ended(self) -> Following:

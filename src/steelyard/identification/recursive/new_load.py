@@ -13,8 +13,9 @@ from steelyard.experiment.model import Experiment, Load
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues, with_last_load
 from steelyard.identification.model.segment import NormalEquations, Rows
-from steelyard.identification.recursive.past import Linear
-from steelyard.identification.recursive.recursion import Chunk, Recursion
+from steelyard.identification.recursive.recursion import Recursion
+from steelyard.identification.recursive.window.chunk import Chunk
+from steelyard.identification.recursive.window.past import Linear
 from steelyard.identification.solve.normal_equations import Blocks, BorderEquations
 from steelyard.identification.solve.segment_equations import SegmentEquations
 from steelyard.inertia import TEN

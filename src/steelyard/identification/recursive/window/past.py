@@ -14,6 +14,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from steelyard.arrays import Array
 from steelyard.identification.model.segment import NormalEquations, Rows
+from steelyard.identification.solve.normal_equations import BorderEquations
+from steelyard.inertia import TEN
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,6 +192,23 @@ def eliminated(equations: NormalEquations, kept: int) -> NormalEquations:
         equations.border_gradient - left[last, -1],
         block=block,
     )
+
+
+def nothing_told(border: int) -> BorderEquations:
+    """Equations of no reading."""
+    none = np.zeros((TEN, TEN))
+    return BorderEquations(np.zeros((border, border)), np.zeros(border), none, 0.0)
+
+
+def of_border(equations: NormalEquations, point: Array) -> BorderEquations:
+    """What equations say of the border about a point, calibration parameters counted from nothing."""
+    if equations.band.any():
+        normal, gradient = equations.reduced()
+    else:
+        # No motion has passed.
+        normal, gradient = equations.corner, equations.border_gradient
+    none = np.zeros((TEN, TEN))
+    return BorderEquations(normal, gradient + normal @ point, none, 0.0)
 
 
 def _dense(band: Array) -> Array:

@@ -15,7 +15,6 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.identification.banded import banded_trace
 from steelyard.identification.model.motion_segment import PARTS, Segment
-from steelyard.identification.recursive.settings import RecursiveSettings
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class Liveliness:
         }
 
     def followed(
-        self, segment: Segment, inverse: Array, intervals: int, settings: RecursiveSettings
+        self, segment: Segment, inverse: Array, intervals: int, forgets: float
     ) -> Liveliness:
         """With a chunk that passes.
 
@@ -60,12 +59,12 @@ class Liveliness:
             segment: The chunk.
             inverse: Covariance of its coefficients, lower banded form, shape (42, N).
             intervals: Of its knots.
-            settings: How fast it forgets.
+            forgets: Time over which it forgets [s].
         """
         if not self.rough:
             return self
         start, end = segment.span
-        kept = float(np.exp(-(end - start) / settings.forgets))
+        kept = float(np.exp(-(end - start) / forgets))
         roughness = segment.roughness
         expected = {
             part: roughness[part] + banded_trace(segment.jerks[part], inverse)

@@ -1,0 +1,150 @@
+"""A chunk that leaves the window: it is linearised once more, eliminated, and says what it has told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.identification.banded import banded_trace
+from steelyard.identification.model.segment import NormalEquations
+from steelyard.identification.recursive.recursion import Recursion
+from steelyard.identification.recursive.window.levels import Liveliness
+from steelyard.identification.recursive.window.past import (
+    Linear,
+    Point,
+    eliminated,
+    nothing_told,
+    of_border,
+    together,
+)
+from steelyard.identification.recursive.window.walk import (
+    a_step_later,
+    blind_to_mass,
+    by_mass,
+    without_columns,
+)
+from steelyard.identification.recursive.window.window import Window
+from steelyard.identification.solve.normal_equations import Blocks, BorderEquations
+from steelyard.identification.solve.segment_equations import (
+    SegmentEquations,
+    by_stretches,
+    left_noise,
+    whitened_rows,
+)
+from steelyard.identification.tally import Tally
+from steelyard.inertia import TEN
+from steelyard.smoothing import DEGREE
+
+
+@dataclass(frozen=True, eq=False)
+class _Remains:
+    """What is told once the first chunk of a window is eliminated."""
+
+    equations: NormalEquations
+    """Of its last functions and the border, of all that has passed."""
+    normal: Array
+    """What the chunk adds to what was known of the border, shape (k, k): independent of that by
+    construction."""
+    right: Array
+    """The same, calibration parameters counted from nothing, shape (k,)."""
+
+
+def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
+    """With the first chunk of the window eliminated, and what it says, calibration parameters counted
+    from nothing.
+
+    Args:
+        recursion: With a window that has a chunk.
+
+    Raises:
+        numpy.linalg.LinAlgError: The motion is not determined.
+    """
+    assert recursion.window is not None
+    window, first, tally = recursion.window, recursion.window.chunks[0], Tally()
+    point = window.at(recursion.point, 0)
+    then = replace(recursion.state, parameters=point[:TEN])
+    segment = replace(first.segment, coefficients=window.motion[window.place(0)])
+    balances, rows = whitened_rows(recursion.task, then, segment, first.forces, tally=tally)
+    here = recursion.with_chunk(segment, first.forces, rows, 0, point).window
+    assert here is not None
+    own = here.chunks[0].whole.equations
+    # The verdict asks all columns, also those that nobody estimates.
+    every = here.equations(recursion.point, None)
+    every = without_columns(every, len(window.steps)) if window.walk else every
+    remains = _remains(recursion, window, own, point)
+    whole = replace(segment, coefficients=window.motion)
+    noise = left_noise(recursion.task, then, whole, balances, every)
+    freedom = float(np.sum(~first.forces.touched))
+    one = np.zeros(window.grid.intervals, dtype=np.intp)
+    size = segment.coefficients.size
+    inverse = every.inverse[:, :size]
+    part = SegmentEquations(
+        segment,
+        first.forces,
+        tuple(each.at for each in balances),
+        np.concatenate([each.root**2 for each in balances]),
+        BorderEquations(remains.normal, remains.right, noise, freedom),
+        _compared(recursion, remains, segment.run),
+        by_stretches(segment, rows, every, one)[2],
+        inverse,
+        every.followed[:size],
+        tally,
+        {label: banded_trace(each, inverse) for label, each in own.parts.items()},
+    )
+    forgets, grid = recursion.settings.forgets, window.grid
+    kept = Point(window.motion[grid.intervals : grid.functions], point)
+    shorter = _shorter(window, Linear(remains.equations, kept))
+    lively = window.lively or Liveliness.of(segment, forgets / grid.spacing)
+    lively = lively.followed(segment, inverse, grid.intervals, forgets)
+    return replace(recursion, window=replace(shorter, lively=lively)), part
+
+
+def _remains(recursion: Recursion, window: Window, own: NormalEquations, point: Array) -> _Remains:
+    """What is told of the last functions of the first chunk and of the border.
+
+    Args:
+        recursion: Before.
+        window: Of it.
+        own: Equations of that chunk.
+        point: The border as it was in it, shape (k,).
+    """
+    parts, before = [replace(own, parts={})], nothing_told(len(point))
+    if window.past is not None:
+        at = Point(window.motion[:DEGREE], window.at(recursion.point, -1))
+        past = window.past.seen_from(at)
+        if window.walk:
+            step = float(window.steps[0])
+            past = a_step_later(past, by_mass(point), step, window.variance)
+        parts.append(past)
+        before = of_border(past, point)
+    remains = eliminated(together(parts, [0] * len(parts)), DEGREE)
+    after = of_border(remains, point)
+    return _Remains(remains, after.normal - before.normal, after.right - before.right)
+
+
+def _compared(recursion: Recursion, remains: _Remains, run: str) -> Blocks:
+    """What a chunk says, as far as it may be compared with others."""
+    normal, right = remains.normal, remains.right
+    if recursion.task.experiment.mass_walk:
+        normal, right = blind_to_mass(normal, right, by_mass(recursion.point))
+    number = [each.name for each in recursion.task.experiment.runs].index(run)
+    return Blocks(normal[None], right[None], np.array([number]))
+
+
+def _shorter(window: Window, past: Linear) -> Window:
+    """A window without its first chunk.
+
+    Args:
+        window: With it.
+        past: What remains of all before the second.
+    """
+    return replace(
+        window,
+        first=window.first + 1,
+        chunks=window.chunks[1:],
+        motion=window.motion[window.grid.intervals :],
+        past=past,
+        steps=window.steps[1:],
+    )

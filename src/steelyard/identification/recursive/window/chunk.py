@@ -1,0 +1,51 @@
+"""Readings of a short stretch of the motion, linearised, as equations of motion and border."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.identification.model.balance import Forces
+from steelyard.identification.model.motion_segment import Segment
+from steelyard.identification.model.segment import Rows
+from steelyard.identification.recursive.window.past import Linear, Point, in_one
+
+
+@dataclass(frozen=True, eq=False)
+class Chunk:
+    """Readings of a short stretch of the motion."""
+
+    segment: Segment
+    forces: Forces
+    rows: Sequence[Rows]
+    """Their residuals with derivatives by all columns of the border."""
+    border: Array
+    """The ten and all calibration parameters where they were linearised, shape (k,)."""
+    use: NDArray[np.intp]
+    """Columns of the border that are estimated, shape (e,)."""
+
+    @cached_property
+    def linear(self) -> Linear:
+        """Equations with the smoothness of the motion, over the columns that are estimated: most are
+        not, and steps ask for none of these.
+        """
+        own = in_one(self.rows, self.use, len(self.border))
+        if own.columns is None:
+            return self._of([own], self.border[self.use])
+        # Rows that follow no column of the border: the columns stay empty.
+        return self._of([own], np.zeros(0)).with_empty_border(self.border[self.use])
+
+    @cached_property
+    def whole(self) -> Linear:
+        """The same over all columns."""
+        return self._of(self.rows, self.border)
+
+    def _of(self, rows: Sequence[Rows], border: Array) -> Linear:
+        """Equations of rows with what is known of motion and processes."""
+        equations = self.segment.smooth(self.segment.equations(len(border), rows))
+        return Linear(equations, Point(self.segment.coefficients, border))
