@@ -14,6 +14,7 @@ from simulated import loaded
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
+from steelyard.identification.recursive.following import Following
 from steelyard.live.buffer import part_of
 from steelyard.live.message import Arrival
 from steelyard.live.session import Session, in_words
@@ -85,6 +86,27 @@ def test_a_row_waits_neither_for_the_past_nor_for_the_verdict(points):
     assert not none
     assert len(after.following.window.chunks) * window.grid.length <= lag
     assert after.following.instants[-1] is session.following.instants[-1]
+
+
+def test_a_chunk_that_cannot_leave_the_window_ends_the_motion_before_the_last_one(
+    points, monkeypatch
+):
+    relieved, failed = Following.relieved, []
+
+    def fails_once(following):
+        if following.number == 30 and not failed:
+            failed.append(following)
+            raise np.linalg.LinAlgError
+        return relieved(following)
+
+    monkeypatch.setattr(Following, "relieved", fails_once)
+    session, records = replayed(points)
+    (lost,) = failed
+    # It goes on after two seconds, as after a gap.
+    times = np.array([each.time for each in records])
+    assert np.diff(times).max() > 1.5
+    assert times[-1] > lost.instants[-1].time + 3.0
+    assert session.ended()[1].verdict.accepted
 
 
 @pytest.mark.slow
