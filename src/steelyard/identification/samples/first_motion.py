@@ -1,4 +1,4 @@
-"""A motion to begin with where no instrument tells the pose by itself: winch encoders without
+"""A motion to begin with where no instrument tells the pose by itself: winch encoders with or without
 an orientation, a tracked point and cables, a gyro that knows no north.
 
 At some instants of a run the platform is taken to be nearly in balance. Its poses there, a first
@@ -78,12 +78,14 @@ class FirstMotion:
 
 
 def lacks_pose(experiment: Experiment, run: Run) -> bool:
-    """Whether a run of a robot on cables has no orientation, measured or commanded, or no place."""
+    """Whether a run of a robot on cables has no orientation, measured or commanded, or no place: lengths
+    tell one only once their offsets are known.
+    """
     force = experiment.force_instrument(run)
     if force is None or experiment.instruments[force].measured_force != "tension" or run.static:
         return False
     there = {quantity for stream in run.streams.values() for quantity in stream.values}
-    return "orientation" not in there or not there & {"position", "length"}
+    return "orientation" not in there or "position" not in there
 
 
 def turns_are_told(experiment: Experiment, run: Run) -> bool:
