@@ -42,6 +42,7 @@ from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.disturbances import too_large, with_disturbances
 from steelyard.identification.solve.misfits.jitter import with_jitter, with_jitter_found
 from steelyard.identification.solve.misfits.lost_readings import without_lost
+from steelyard.identification.solve.misfits.slack_cables import SlackCables
 from steelyard.identification.solve.misfits.suspicions import with_suspicions
 from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.identification.solve.stated_processes import with_stated
@@ -106,6 +107,8 @@ class Beginning:
     """Notes of instruments that have lost the motion."""
     touched: Mapping[str, Sequence[tuple[float, float]]] = field(default_factory=dict)
     """Run -> stretches in which a hand touched the platform, which are left out [s]."""
+    slack: tuple[SlackCables, ...] = ()
+    """Cables that may hang slack for a while, of runs that have such ones."""
 
 
 def read(

@@ -22,6 +22,7 @@ from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.beginning import NoBalanceError, Readings
 from steelyard.identification.solve.bound import bound_of
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
+from steelyard.identification.solve.misfits.slack_cables import SlackCables
 from steelyard.identification.solve.normal_equations import (
     BorderEquations,
     FurtherLoad,
@@ -55,6 +56,8 @@ class Fitted:
     """Run -> force readings that stood alone."""
     held_out: frozenset[str] = frozenset()
     """Runs whose forces were not looked at."""
+    slack: tuple[SlackCables, ...] = ()
+    """Cables that may hang slack for a while, of runs that have such ones."""
 
     @property
     def balances(self) -> tuple[Balance, ...]:
@@ -174,6 +177,7 @@ def concluded(chunks: Sequence[FittedStretch], *, courses: bool = True) -> Poste
         contacts={name: tuple(each) for name, each in fitted.contacts.items() if each},
         spikes={name: count for name, count in fitted.spikes.items() if count},
         held_out=fitted.held_out,
+        slack=tuple(each for chunk in chunks for each in chunk.fitted.slack),
         notes=tuple(dict.fromkeys(_notes(chunks))),
         further_loads=tuple(loads),
         by_source=_by_source(parts),
@@ -242,6 +246,7 @@ def _notes(chunks: Sequence[FittedStretch]) -> Iterator[str]:
             yield from (note for note in samples.notes if "gap" not in note)
         yield from chunk.readings.notes
         yield from chunk.fitted.lost
+        yield from map(str, chunk.fitted.slack)
 
 
 def _parts(fitted: Fitted) -> Sequence[SegmentEquations]:

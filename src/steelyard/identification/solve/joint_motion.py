@@ -39,7 +39,7 @@ from steelyard.identification.solve.misfits.disturbances import as_noise, with_d
 from steelyard.identification.solve.misfits.hands import touching, without
 from steelyard.identification.solve.misfits.jitter import with_jitter, with_jitter_found
 from steelyard.identification.solve.misfits.outliers import look
-from steelyard.identification.solve.misfits.slack_cables import around, in_words, slack_cables
+from steelyard.identification.solve.misfits.slack_cables import SlackCables, around, slack_cables
 from steelyard.identification.solve.misfits.suspicions import (
     with_suspicions,
     without_needless,
@@ -148,20 +148,21 @@ def _undisturbed(readings: Readings, begun: Beginning) -> tuple[Readings, Beginn
 
 def _without_slack(readings: Readings, begun: Beginning) -> tuple[Readings, Beginning]:
     """Readings and first body without the stretches in which a cable is slack."""
-    notes, records = [], []
+    found, records = [], []
     for record, balances in _balances(readings, begun.state):
         force_samples = []
         for segment, forces, at in balances:
             slack = slack_cables(at, forces, readings.settings)
             if slack.any() and not segment.static:
                 forces = without(forces, at, around(at.time, slack, readings.settings))
-                notes.append(in_words(segment.run, slack, float(forces.touched.mean())))
+                left_out = float(forces.touched.mean())
+                found.append(SlackCables(segment.run, slack.mean(axis=0), left_out))
             force_samples.append(forces)
         records.append(replace(record, force_samples=tuple(force_samples)))
-    if not notes:
+    if not found:
         return readings, begun
-    lost = list(dict.fromkeys([*begun.lost, *notes]))
-    return _begun_anew(readings, begun, records, lost=lost)
+    by_run = {each.run: each for each in (*begun.slack, *found)}
+    return _begun_anew(readings, begun, records, slack=tuple(by_run.values()))
 
 
 def _without_hands(readings: Readings, begun: Beginning) -> tuple[Readings, Beginning]:
@@ -487,7 +488,16 @@ def _cut(
         )
         # What has not arrived is no better a beginning than that which it had.
         state = found.state if found.converged else first
-        fitted = Fitted(task, found, begun.motion, force_samples, begun.lost, contacts, spikes)
+        fitted = Fitted(
+            task,
+            found,
+            begun.motion,
+            force_samples,
+            begun.lost,
+            contacts,
+            spikes,
+            slack=begun.slack,
+        )
         # What does not arrive may do without what touched the platform; once more it does not.
         last = turn == settings.cuts - 1 or (levels and turn > 0 and not found.converged)
         if last or (not vibrations and _vibrations(readings, fitted)):
@@ -523,7 +533,7 @@ def _again(readings: Readings, before: Fitted, vibrations: Mapping[str, _FinerKn
     state = replace(
         state, calibration=replace(state.calibration, values=values), segments=tuple(moved)
     )
-    return Beginning(motion_task(readings), before.motion, state, before.lost)
+    return Beginning(motion_task(readings), before.motion, state, before.lost, slack=before.slack)
 
 
 def _on_knots_of(new: Segment, old: Segment) -> Segment:

@@ -22,6 +22,7 @@ from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.bound import Bound, bound_of
 from steelyard.identification.solve.fit_state import Fit
+from steelyard.identification.solve.misfits.slack_cables import SlackCables
 from steelyard.identification.solve.normal_equations import (
     Blocks,
     BorderEquations,
@@ -71,6 +72,8 @@ class Posterior:
     """Run -> force readings that stood alone."""
     held_out: frozenset[str] = frozenset()
     """Runs whose forces were not looked at."""
+    slack: tuple[SlackCables, ...] = ()
+    """Cables that may hang slack for a while, of runs without forces that have such ones."""
     notes: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     """Instruments that were left out, since the fit did not arrive with them."""

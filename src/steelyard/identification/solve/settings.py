@@ -133,7 +133,7 @@ class FitSettings:
     """Part of a run beyond which contacts are not cut: what is the rule is no exception."""
     slack: float = 0.02
     """Tension of a cable that nobody reads, as a part of all tensions, below which it may be slack:
-    motion capture tells it to a hundredth."""
+    motion capture tells it to one or two hundredths."""
     slack_margin: float = 0.1
     """What is left out before and after a cable is slack [s]: the knots on either side of a jerk; with
     half of it the 1-sigma of the body are still too small by half."""
