@@ -14,7 +14,7 @@ from steelyard.identification.identify import identify
 from steelyard.identification.samples.preparation import prepare
 from steelyard.identification.verdict.winches import turned_winches
 from steelyard.inspection.inspect import inspect
-from steelyard.inspection.swings import excited_modes
+from steelyard.inspection.swings import excited_modes, slack_cables
 from steelyard.natural_frequencies.frequencies import frequencies
 from steelyard.report.blocks.document import Grid
 from steelyard.report.documents.identification import document_of
@@ -22,6 +22,7 @@ from steelyard.report.evidence.summary import summarise
 
 NOISE = 3e-4
 EXAMPLE = ROOT / "examples" / "free-swinging" / "three-cables" / "experiment.yaml"
+FOUR_CABLES = EXAMPLE.parents[1] / "four-cables" / "experiment.yaml"
 
 
 def recorded(modes, seed=0, duration=10.0):
@@ -86,6 +87,23 @@ def test_inspection_names_modes_and_no_mass():
     assert told["Jxx"] == "per mass"
     assert all(each.instrument == "pose" for each in found.streams)
     assert not any("locked" in remark for remark in found.remarks)
+    assert not found.slack
+
+
+@pytest.mark.integration
+def test_inspection_names_slack_cables_in_a_sentence_and_in_numbers():
+    found = inspect(read_experiment(FOUR_CABLES))
+    (said,) = found.to_dict()["slack"]
+    assert said["run"] == "swing 0"
+    assert set(said["cables"]) == {"1", "2", "4"}
+    assert 0 < said["left_out"] < 0.2
+    assert sum(remark == str(found.slack[0]) for remark in found.remarks) == 1
+
+
+def test_runs_that_no_fit_has_looked_at_are_looked_at_by_a_regression():
+    runs = [each.run for each in slack_cables(read_experiment(FOUR_CABLES), None)]
+    assert "swing 0" in runs
+    assert not slack_cables(read_experiment(EXAMPLE), None)
 
 
 def test_a_winch_that_turned_is_named():

@@ -170,7 +170,8 @@ INSPECTION = entry(
         "excitation": or_null(ANYTHING),
         "modes": list_of(ANYTHING),
         "remarks": list_of({}),
-    }
+    },
+    {"slack": list_of(entry({"run": TEXT, "cables": named(NUMBER), "left_out": NUMBER}))},
 )
 
 WATCH = entry(

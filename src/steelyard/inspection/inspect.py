@@ -16,6 +16,7 @@ from steelyard.identification.model.calibration_parameters import gather
 from steelyard.identification.samples.preparation import prepare
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
+from steelyard.identification.solve.misfits.slack_cables import SlackCables
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.solve.settings import FitSettings
 from steelyard.identification.synchronisation import synchronise
@@ -40,7 +41,7 @@ from steelyard.inspection.part import part_of
 from steelyard.inspection.remarks import constant_channels, of_noise, of_times
 from steelyard.inspection.settings import INSPECTION, InspectionSettings
 from steelyard.inspection.streams import StreamReport, as_dict, stream_reports
-from steelyard.inspection.swings import ExcitedMode, excited_modes
+from steelyard.inspection.swings import ExcitedMode, excited_modes, slack_cables
 
 FORMAT = "steelyard-inspection/1"
 
@@ -70,6 +71,8 @@ class Inspection:
     remarks: tuple[str, ...]
     modes: tuple[ExcitedMode, ...] = ()
     """Natural modes that runs with locked winches show."""
+    slack: tuple[SlackCables, ...] = ()
+    """Cables that may hang slack for a while, of runs with locked winches and no forces."""
     misplaced: Misplaced | None = None
     """An instrument that the fit of everything finds elsewhere on the platform than stated."""
 
@@ -98,6 +101,7 @@ class Inspection:
             "contacts": [{**vars(each), "channels": list(each.channels)} for each in self.contacts],
             "excitation": None if self.excitation is None else _excitation_dict(self.excitation),
             "modes": [vars(each) for each in self.modes],
+            "slack": [each.to_dict() for each in self.slack],
             "remarks": list(self.remarks),
         }
 
@@ -214,7 +218,8 @@ def inspect(
         remarks += [] if place is None else [place.remark]
     swung = [run for run in experiment.runs if run.locked]
     modes = tuple(mode for run in swung for mode in excited_modes(experiment, run))
-    remarks += _of_swings(swung, modes, joint)
+    slack = () if named else slack_cables(experiment, joint)
+    remarks += [*_of_swings(swung, modes, joint), *map(str, slack)]
     progress("done", 1.0)
     return Inspection(
         experiment=experiment,
@@ -232,6 +237,7 @@ def inspect(
         excitation=None if joint is None else excitation(joint, settings.identifiability),
         remarks=tuple(dict.fromkeys(remarks)),
         modes=modes,
+        slack=slack,
         misplaced=place,
     )
 

@@ -1,5 +1,5 @@
 """Which natural modes a push has excited: damped sinusoids fitted to the motion of a platform on
-locked winches.
+locked winches; and which of its cables may have hung slack.
 
 A mode is a frequency and a decay that all components of the pose share, each with its amplitude and
 phase: these follow linearly, and are eliminated (variable projection [Golub1973]_).
@@ -18,8 +18,13 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
+from steelyard.errors import InputError
 from steelyard.estimates.quantiles import chi2_exceeded
 from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.unread import is_unread
+from steelyard.identification.methods.swing_regression import swing_regression
+from steelyard.identification.solve.misfits.slack_cables import SlackCables
+from steelyard.identification.solve.posterior import Posterior
 from steelyard.robot.model import DIRECTIONS
 
 _RATE = 25.0
@@ -109,6 +114,27 @@ def _combined(frequency: Array, amplitude: Array, resolution: float) -> NDArray[
         sums = np.array([frequency[i] + frequency[j], abs(frequency[i] - frequency[j])])
         found[k] |= bool(np.min(np.abs(sums - frequency[k])) < resolution / 2)
     return found
+
+
+def slack_cables(experiment: Experiment, joint: Posterior | None) -> tuple[SlackCables, ...]:
+    """Cables that may hang slack, of all runs that have such ones.
+
+    Args:
+        experiment: With runs on locked winches and without forces; others have none.
+        joint: A fit of some of its runs, which knows them better than a regression; None: there is
+            none.
+    """
+    if not experiment.runs or not is_unread(experiment) or not 0 < experiment.robot.m < DIRECTIONS:
+        return ()
+    try:
+        found = {each.run: each for each in swing_regression(experiment).slack}
+    except InputError:
+        # Lengths and rates tell no pose by themselves.
+        found = {}
+    if joint is not None:
+        found = {name: each for name, each in found.items() if name not in joint.weights}
+        found |= {each.run: each for each in joint.slack}
+    return tuple(found[run.name] for run in experiment.runs if run.name in found)
 
 
 class _Projected(NamedTuple):

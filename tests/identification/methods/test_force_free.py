@@ -13,6 +13,7 @@ from steelyard.estimates.per_mass import PerMass
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.force_free import ForceFree
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.methods.settings import TWO_STEP
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.inertia import BODY_PARAMETERS
 
@@ -79,6 +80,29 @@ def test_a_mass_that_is_known_gives_the_inertia(recorded):
 def test_methods_that_need_forces_say_so(recorded):
     assert "force of every cable" in TwoStep().lack(recorded.experiment)
     assert ForceFree().lack(recorded.experiment) == ""
+
+
+@pytest.mark.mujoco
+def test_moments_at_which_cables_hang_slack_are_left_out():
+    # Of MuJoCo, a geometry that is exact: what is left is what the jerks of the cables do.
+    lab = Laboratory(cables=3, runs=4, push=2.5, slack=True, geometry=0.0)
+    recorded = record(lab, [78, 3, 0])
+    found = ForceFree()(recorded.experiment)
+    everything = ForceFree(replace(TWO_STEP, slack_turns=0))(recorded.experiment)
+    truth = truth_of(recorded.body)
+
+    def worst(estimate):
+        return np.abs((estimate.per_mass.value - truth) / estimate.per_mass.standard_deviation)
+
+    assert np.sqrt(np.mean(worst(found) ** 2)) < 0.7 * np.sqrt(np.mean(worst(everything) ** 2))
+    (said,) = [note for note in found.notes if note.startswith("left out")]
+    assert [f"run 'swing {i}'" in said for i in range(4)] == list(recorded.slack > 0)
+
+
+def test_noise_alone_tells_no_moment_of_inertia():
+    still = swings(4, runs=1, seed=1, duration=2.0, noise=(1e-3, 3e-3), geometry=0.0)
+    per_mass = ForceFree()(still.experiment).per_mass
+    assert np.isnan(per_mass.value).any()
 
 
 def test_with_forces_there_is_another_method():

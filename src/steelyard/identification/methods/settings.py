@@ -25,6 +25,8 @@ class TwoStepSettings:
     noise_margin: float = 4.0
     """A direction counts as excited where its information is this many times what noise in the
     regressor alone would give: twice in amplitude."""
+    slack_turns: int = 2
+    """Times that slack cables of swings are looked for, each about the body that the rest tells."""
 
 
 TWO_STEP = TwoStepSettings()
