@@ -83,12 +83,18 @@ def main(cables: str, runs: int) -> None:
             chi = z @ np.linalg.solve(correlation, z) / max(use.sum(), 1)
             errors = predicted(recorded, found, m) if use.all() else np.array([np.nan])
             swung = np.degrees(recorded.amplitudes)
+            verdict = (
+                "accepted" if found.verdict.accepted else "; ".join(found.verdict.reasons)[:90]
+            )
+            begins = f"{m:6}  {name:37} {swung.min():5.1f}-{swung.max():<5.1f}"
+            if not use.any():
+                print(f"{begins}   nothing told, {seconds:.1f} s: {verdict}", flush=True)
+                continue
             print(
-                f"{m:6}  {name:37} {swung.min():5.1f}-{swung.max():<5.1f} {chi:14.2f}"
+                f"{begins} {chi:14.2f}"
                 f" {1e3 * np.nanmax(np.abs(off[:3])):12.2f}"
                 f" {100 * np.nanmax(np.abs(off[3:6] / truth[3:6])):12.2f}"
-                f" {np.nanmedian(errors):8.3f} {np.nanmax(errors):7.3f} {seconds:8.1f}  "
-                + ("accepted" if found.verdict.accepted else "; ".join(found.verdict.reasons)[:90]),
+                f" {np.nanmedian(errors):8.3f} {np.nanmax(errors):7.3f} {seconds:8.1f}  " + verdict,
                 flush=True,
             )
 

@@ -23,6 +23,11 @@ from steelyard.robot.model import CableProperties, Robot
 STEP = 1e-3  # [s]
 RUB = 0.01  # [m/s]
 HANDS_OFF = 2.5  # [s] after the first push
+DRAWS = 100
+"""Of one swing, with pushes as large as asked for; then each is softer than the one before."""
+SOFTER = 0.97
+SOFTEST = 0.1
+"""Of what was asked for."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,8 @@ class Laboratory:
     hand: float = 0.0
     """How long a hand still touches after recording begins [s]."""
     push: float = 1.0
-    """Size of the pushes."""
+    """Size of the pushes; where hardly one of that size leaves all cables taut, as on four, softer ones
+    are drawn."""
     slack: bool = False
     """Whether cables may go slack."""
     stiffness: float = 3e5
@@ -164,7 +170,11 @@ def _slow(rng, n: int, lab: Laboratory) -> Array:
 
 def _swing(robot: Robot, body: Inertia, lab: Laboratory, rng) -> tuple[Array, float]:
     """Poses after some pushes, shape (n, 7), and how long a cable was slack."""
-    for _ in range(200):
+    drawn, harder = 0, 1.0
+    while harder > SOFTEST:
+        drawn += 1
+        harder *= SOFTER if drawn > DRAWS else 1.0
+        push = harder * lab.push
         place = np.array([rng.uniform(-0.6, 0.6), rng.uniform(-0.4, 0.4), rng.uniform(0.8, 1.6)])
         lengths = np.linalg.norm(robot.anchors - place - robot.attachments, axis=1)
         model = locked_model(robot, body, lengths, damping_ratio=0.02, step=STEP)
@@ -177,13 +187,12 @@ def _swing(robot: Robot, body: Inertia, lab: Laboratory, rng) -> tuple[Array, fl
             continue
         size = [1, 1, 0.3, 0.15, 0.15, 0.15]
         pushes = [
-            (rng.uniform(0, 1.5), lab.push * body.mass * rng.normal(size=6) * size)
-            for _ in range(2)
+            (rng.uniform(0, 1.5), push * body.mass * rng.normal(size=6) * size) for _ in range(2)
         ]
         if lab.hand:
             # A hand that still guides, and lets go within the recording.
             pushes.append(
-                (HANDS_OFF + lab.hand - 0.6, lab.push * 0.5 * body.mass * rng.normal(size=6) * size)
+                (HANDS_OFF + lab.hand - 0.6, push * 0.5 * body.mass * rng.normal(size=6) * size)
             )
         begun, seen, loose = data.time, [], 0
         count = round(lab.duration * lab.rate)
