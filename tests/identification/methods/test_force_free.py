@@ -10,12 +10,14 @@ from simulated import sound
 
 from steelyard.errors import InputError
 from steelyard.estimates.per_mass import PerMass
+from steelyard.experiment.model import Stream
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.force_free import ForceFree
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.settings import TWO_STEP
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.inertia import BODY_PARAMETERS
+from steelyard.instruments.length import Length
 
 pytestmark = pytest.mark.integration
 
@@ -103,6 +105,29 @@ def test_noise_alone_tells_no_moment_of_inertia():
     still = swings(4, runs=1, seed=1, duration=2.0, noise=(1e-3, 3e-3), geometry=0.0)
     per_mass = ForceFree()(still.experiment).per_mass
     assert np.isnan(per_mass.value).any()
+
+
+def with_encoders(experiment, noise):
+    """Beside encoders of the locked winches, which show the same number all along a run."""
+    robot, runs = experiment.robot, []
+    for run in experiment.runs:
+        pose = run.streams["pose"]
+        arms = np.einsum("nij,kj->nki", pose.values["orientation"], robot.attachments)
+        way = robot.anchors - pose.values["position"][:, None] - arms
+        fed = np.round(np.median(np.linalg.norm(way, axis=2), axis=0), 4)
+        length = Stream(pose.time, {"length": np.tile(fed, (len(pose.time), 1))}, "made")
+        runs.append(replace(run, streams={**run.streams, "encoders": length}))
+    encoders = Length.model_validate({"kind": "length", "noise": noise})
+    instruments = {**experiment.instruments, "encoders": encoders}
+    return replace(experiment, instruments=instruments, runs=tuple(runs))
+
+
+def test_encoders_of_locked_winches_need_not_scatter_as_their_noise_says():
+    swung = swings(3, runs=3, seed=5, duration=6.0)
+    found = MaximumLikelihood()(with_encoders(swung.experiment, 0.002))
+    assert found.verdict.accepted, found.verdict.reasons
+    off = found.per_mass.value - truth_of(swung.body)
+    assert np.abs(off / found.per_mass.standard_deviation).max() < 3.0
 
 
 def test_with_forces_there_is_another_method():

@@ -11,6 +11,8 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.estimates.quantiles import chi2_below, chi2_tail
 from steelyard.experiment.faults.of_streams import channels, clipped
+from steelyard.experiment.model import Experiment
+from steelyard.identification.samples.motion_noise import stands_still
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.diagnosis import diagnose
 from steelyard.identification.verdict.directed_tests import Finding, directed_tests, of_description
@@ -108,10 +110,23 @@ def _of_motion(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]
             )
         # What is stated of disturbances may be less than stated.
         elif stated and not any(q.disturbed for q in own) and ratio**2 < settings.much_less:
+            if _always_still(posterior.experiment, name, quantity):
+                continue
             yield (
                 f"{what} scatters by only {ratio:.2g} of its stated noise; check its unit and"
                 " 'noise'"
             )
+
+
+def _always_still(experiment: Experiment, name: str, quantity: str) -> bool:
+    """Whether nothing moves what an instrument reads, as encoders of locked winches: its noise does not
+    show.
+    """
+    return all(
+        stands_still(run.streams[name].values[quantity])
+        for run in experiment.runs
+        if not run.static and name in run.streams and quantity in run.streams[name].values
+    )
 
 
 def _is_disturbed(posterior: Posterior) -> bool:
