@@ -14,6 +14,7 @@ from steelyard.identification.samples.first_motion import (
     turns_are_told,
     with_first_motion,
 )
+from steelyard.identification.samples.preparation import prepare
 from steelyard.instruments import Length
 
 LENGTHS = Length.model_validate({"kind": "length", "rate": 50, "noise": 0.0005})
@@ -110,3 +111,11 @@ def test_sensors_that_are_turned_say_the_same():
     relative = np.swapaxes(true.rotation, 1, 2) @ found.rotation
     turned = Rotation.from_matrix(relative).magnitude()
     assert np.sqrt(np.mean(turned**2)) < SETS["tracker and gyro"][2]
+
+
+def test_a_beginning_contradicts_no_gyro():
+    # A third of a radian off, and smooth: it turns otherwise than the platform.
+    experiment = recording(2, tracker=("position",), imu=WITHOUT_ATTITUDE)
+    samples = prepare(experiment, experiment.runs[0], thin=True, commanded=True)
+    assert any("no instrument measures the orientation" in note for note in samples.notes)
+    assert not any("times as fast" in note for note in samples.notes)

@@ -268,7 +268,10 @@ def _moving(task: RunReader, settings: PreparationSettings, *, thin: bool) -> Sa
     }
     alpha_noise = noise.pop("alpha")
     _check_motion(task.where, joined, alpha_noise, settings)
-    notes = _gyro_notes(run.name, joined["omega"], joined.pop("omega_of_attitude"), settings)
+    turned = joined.pop("omega_of_attitude")
+    # What follows from the cables is a beginning, and contradicts no gyro.
+    told = sources.rotation is None or sources.rotation[0] != FIRST_MOTION
+    notes = _gyro_notes(run.name, joined["omega"], turned, settings) if told else []
     for what, source in (("position", sources.position), ("orientation", sources.rotation)):
         if source and source[0] == FIRST_MOTION:
             notes.append(
