@@ -19,7 +19,7 @@ from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.balance import Balance, Forces, balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
-from steelyard.identification.model.force_residuals import carried_tensions
+from steelyard.identification.model.carried_tensions import carried_tensions
 from steelyard.identification.model.motion_residuals import (
     AT_ONCE,
     Carried,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from steelyard.identification.model.balance_noise import BalanceNoise, UnmodelledWrench
+from steelyard.identification.model.balance.noise import BalanceNoise, UnmodelledWrench
 
 
 def structures(rng, n, m):

@@ -16,16 +16,15 @@ from simulated import BODY, EXACT, ROBOT
 
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.experiment.surroundings import Surroundings
-from steelyard.identification.model import balance
-from steelyard.identification.model.balance import UNMODELLED_PARTS, Forces, balance_of
+from steelyard.identification.model.balance import UNMODELLED_PARTS, Forces, balance, balance_of
 from steelyard.identification.model.calibration_parameters import (
     DRAG,
     CalibrationValues,
     gather,
 )
+from steelyard.identification.model.carried_tensions import carried_tensions
 from steelyard.identification.model.force_residuals import (
     BALANCE,
-    carried_tensions,
     sample_weight,
     whitened_balance,
 )

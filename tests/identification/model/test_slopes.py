@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from steelyard.identification.model.balance import Forces, unfiltered
-from steelyard.identification.model.slopes import slopes
+from steelyard.identification.model.balance.slopes import slopes
 
 
 def test_samples_of_one_instant_tell_no_rate():

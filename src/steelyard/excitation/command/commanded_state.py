@@ -16,7 +16,7 @@ from steelyard.arrays import Array
 from steelyard.batch import Symbol
 from steelyard.dynamics import newton_euler
 from steelyard.excitation.command.motion_spline import COORDINATES
-from steelyard.identification.model.balance_equations import taut_structure
+from steelyard.identification.model.balance.equations import taut_structure
 from steelyard.identification.model.segment import POSE
 from steelyard.motion.state import State, state_of_pose
 from steelyard.robot.model import Robot

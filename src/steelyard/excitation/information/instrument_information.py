@@ -33,7 +33,7 @@ from steelyard.excitation.information.linearisation_point import (
     border_columns,
 )
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.balance_equations import derivatives_of_balance
+from steelyard.identification.model.balance.equations import derivatives_of_balance
 from steelyard.identification.model.calibration_parameters import (
     AIR,
     ATTACHED,

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.identification.model.balance import Balance, Forces, regressor_at
+from steelyard.identification.model.carried_tensions import carried_tensions
 from steelyard.identification.model.fitted_motion import fitted_motion
 from steelyard.identification.model.force_residuals import (
     WhitenedBalance,
-    carried_tensions,
     whitened_balance,
 )
 from steelyard.identification.model.motion_residuals import AT_ONCE, motion_residuals

@@ -8,148 +8,35 @@ correction in their 1-sigma.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.dynamics import platform_regressor
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.balance_equations import motion_and_wrench, structure_matrices
-from steelyard.identification.model.balance_noise import BalanceNoise, UnmodelledWrench
+from steelyard.identification.model.balance.equations import motion_and_wrench, structure_matrices
+from steelyard.identification.model.balance.force_readings import (
+    UNMODELLED_PARTS,
+    Forces,
+    undisturbed,
+    unfiltered,
+)
+from steelyard.identification.model.balance.moving_body import MovingAt, moving_at
+from steelyard.identification.model.balance.noise import BalanceNoise, UnmodelledWrench
 from steelyard.identification.model.calibration_parameters import (
-    AIR,
-    ATTACHED,
-    ROBOT,
     CalibrationValues,
 )
-from steelyard.identification.model.motion_residuals import reference_clocks, time_of
 from steelyard.identification.model.motion_segment import Segment
-from steelyard.identification.model.segment import Basis, motion_at
-from steelyard.identification.model.slopes import slopes
+from steelyard.identification.model.segment import Basis
 from steelyard.identification.model.sources import Source
-from steelyard.inertia import TEN
 from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.equations import follows_readings, solve_for
 from steelyard.instruments.tension import PRESLIDING, rolled_along
 from steelyard.robot.model import DIRECTIONS
-
-UNMODELLED = "unmodelled wrench"
-"""Quantity of the platform: what acts on it and nothing explains."""
-UNMODELLED_PARTS: Mapping[Source, slice] = {
-    (ROBOT, "unmodelled force"): slice(0, 3),
-    (ROBOT, "unmodelled torque"): slice(3, 6),
-}
-"""Processes that are parts of it -> where they stand in a wrench."""
-_AT_ONCE = 4096
-"""Force readings whose rows are held at once: they depend on everything."""
-_LEFT_OUT = 1e2
-"""1-sigma of a reading that is left out, in units of the largest reading: the balance goes on
-without it."""
-
-
-@dataclass(frozen=True, eq=False)
-class Forces:
-    """Readings of the force instrument within a segment."""
-
-    name: str
-    """Of the instrument."""
-    time: Array
-    """By its clock, moved to the common event [s]; of poses at rest their number; shape (n,)."""
-    readings: Mapping[str, Array]
-    """Quantity -> readings, r numbers a sample in all."""
-    sigma: Array
-    """1-sigma of single readings, shape (r,)."""
-    left_out: NDArray[np.bool_]
-    """Readings that stand alone against all others, shape (n, r)."""
-    unmodelled: Array | None = None
-    """1-sigma of the white part of the wrench that nothing explains, in units of its level [N],
-    [N m], shape (6,); None: the readings explain every wrench within their noise."""
-    everywhere: bool = False
-    """Whether that is in all directions; else in those that no cable carries."""
-    late: Array | None = None
-    """1-sigma that time stamps which scatter add to each reading, shape (n, r); None: none."""
-    unread: NDArray[np.bool_] | None = None
-    """Readings of cables without a sensor, whose values are a guess, shape (r,); None: there are
-    none."""
-    changes: Array | None = None
-    """Second and third derivative of the readings, which say what a filter has smoothed [N/s^2],
-    [N/s^3] and of torques, shape (2, n, r); None: not looked at, as of poses at rest."""
-
-    @property
-    def touched(self) -> NDArray[np.bool_]:
-        """Samples in which something else than the body pulls, shape (n,)."""
-        return np.asarray(self.left_out.all(axis=1))
-
-    @property
-    def guessed(self) -> NDArray[np.bool_]:
-        """Readings that nobody reads, shape (r,)."""
-        none = np.zeros(self.left_out.shape[1], dtype=bool)
-        return none if self.unread is None else self.unread
-
-    @property
-    def places(self) -> dict[str, slice]:
-        """Quantity -> where its readings stand among the r numbers of a sample."""
-        ends = np.cumsum([values.shape[1] for values in self.readings.values()]).tolist()
-        starts = [0, *ends[:-1]]
-        return {q: slice(*each) for q, *each in zip(self.readings, starts, ends, strict=True)}
-
-    def parts(self) -> Iterator[Forces]:
-        """The same, some samples at a time: rows take much memory."""
-        for start in range(0, len(self.time), _AT_ONCE):
-            yield self.part(slice(start, start + _AT_ONCE))
-
-    def part(self, own: slice | NDArray[np.bool_]) -> Forces:
-        """Some of its samples.
-
-        Args:
-            own: Which.
-        """
-        return replace(
-            self,
-            time=self.time[own],
-            readings={quantity: values[own] for quantity, values in self.readings.items()},
-            left_out=self.left_out[own],
-            late=None if self.late is None else self.late[own],
-            changes=None if self.changes is None else self.changes[:, own],
-        )
-
-    def with_changes(self) -> Forces:
-        """With the derivatives of the readings, those that are left out bridged."""
-        whole = np.hstack(list(self.readings.values()))
-        for column, lost in zip(whole.T, self.left_out.T, strict=True):
-            if lost.any() and not lost.all():
-                column[lost] = np.interp(self.time[lost], self.time[~lost], column[~lost])
-        second = slopes(self.time, slopes(self.time, whole))
-        return replace(self, changes=np.stack([second, slopes(self.time, second)]))
-
-    def sigmas(self, segment: Segment, factors: Mapping[Source, float]) -> Array:
-        """1-sigma of every reading, shape (n, r)."""
-        factor = np.concatenate(
-            [
-                np.full(v.shape[1], factors.get(segment.label(self.name, q), 1.0))
-                for q, v in self.readings.items()
-            ]
-        )
-        largest = np.concatenate(
-            [np.abs(v).max(axis=0, initial=0.0) for v in self.readings.values()]
-        )
-        # So wide that no reading of it matters, however good the sensor was.
-        without = _LEFT_OUT * np.maximum(self.sigma * factor, largest)
-        own = self.sigma * factor
-        if self.late is not None:
-            own = np.hypot(own, self.late)
-        return np.asarray(np.where(self.left_out, without, own))
-
-    def unmodelled_sigma(self, segment: Segment, factors: Mapping[Source, float]) -> Array:
-        """1-sigma of the white part of the wrench that nothing explains [N], [N m], shape (6,)."""
-        if self.unmodelled is None:
-            return np.zeros(DIRECTIONS)
-        return factors.get(segment.label(ROBOT, UNMODELLED), 1.0) * self.unmodelled
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,30 +245,6 @@ def balance_of(
     return balance_at(moving, experiment, segment, force_samples, calibration, factors)
 
 
-class MovingAt(NamedTuple):
-    """The moving body at the times of force readings."""
-
-    times: Array
-    """Within the segment [s], of poses at rest their numbers, shape (n,)."""
-    local: Basis
-    """Spline functions there."""
-    inputs: dict[str, Array | float]
-    """See :func:`moving_body`."""
-
-
-def moving_at(
-    experiment: Experiment,
-    segment: Segment,
-    force_samples: Forces,
-    calibration: CalibrationValues,
-    parameters: Array,
-) -> MovingAt:
-    """The moving body at the times of force readings; arguments as of :func:`balance_of`."""
-    times = balance_times(experiment, segment, force_samples, calibration)
-    local = segment.basis(times)
-    return MovingAt(times, local, moving_body(segment, local, calibration, parameters))
-
-
 def balance_at(
     moving: MovingAt,
     experiment: Experiment,
@@ -434,45 +297,6 @@ def balance_at(
         coloured,
         force_samples.unread,
     )
-
-
-def balance_times(
-    experiment: Experiment, segment: Segment, force_samples: Forces, calibration: CalibrationValues
-) -> Array:
-    """Times of force readings within a segment [s], of poses at rest their numbers, shape (n,)."""
-    if segment.static:
-        return force_samples.time
-    references = reference_clocks(experiment, calibration.calibration_parameters, segment)
-    name, time = force_samples.name, force_samples.time
-    times, *_ = time_of(experiment, segment, calibration, references, name, time)
-    return times
-
-
-def moving_body(
-    segment: Segment, local: Basis, calibration: CalibrationValues, parameters: Array
-) -> dict[str, Array | float]:
-    """What the wrench of the moving body depends on, as
-    :func:`steelyard.identification.model.balance_equations.motion_and_wrench` takes it.
-
-    Args:
-        segment: With its motion.
-        local: Spline functions at the times that are meant.
-        calibration: Present values of the calibration parameters.
-        parameters: The ten of the first load, shape (10,).
-    """
-    pose, rate, acceleration, _ = motion_at(local, segment.coefficients)
-    return {
-        "pose": pose,
-        "rate": rate,
-        "acceleration": acceleration,
-        "gravity": calibration.gravity,
-        "parameters": calibration.body(parameters, segment.run),
-        "drag": 0.0 if segment.static else calibration.drag,
-        "attached": calibration.of_robot(*ATTACHED),
-        "air": calibration.of_robot(*AIR, run=segment.run),
-        "hoses": calibration.hoses,
-        "swivel": calibration.swivel(segment.run),
-    }
 
 
 def _remembered(
@@ -532,20 +356,6 @@ def disturbance_of_forces(segment: Segment, force_samples: Forces, local: Basis)
     return np.concatenate(parts, axis=1)
 
 
-def undisturbed(force_samples: Forces, added: Array) -> Forces:
-    """Force readings less what processes add to them.
-
-    Args:
-        force_samples: Force readings.
-        added: See :func:`disturbance_of_forces`.
-    """
-    readings = {
-        quantity: values - added[:, force_samples.places[quantity]]
-        for quantity, values in force_samples.readings.items()
-    }
-    return replace(force_samples, readings=readings)
-
-
 def time_constant(
     experiment: Experiment, segment: Segment, force_samples: Forces, calibration: CalibrationValues
 ) -> float:
@@ -553,39 +363,6 @@ def time_constant(
     instrument = experiment.instruments[force_samples.name]
     errors = calibration.of(force_samples.name, instrument, segment.run)
     return float(np.squeeze(errors.get(TIME_CONSTANT, 0.0)))
-
-
-def unfiltered(force_samples: Forces, constant: float) -> Forces:
-    """Force readings as they would be if their filter made them late and nothing else.
-
-    Args:
-        force_samples: Force readings.
-        constant: Time constant T of the filter [s].
-    """
-    if force_samples.changes is None or constant == 0.0:
-        return force_samples
-    smoothed = smoothed_by_filter(force_samples.changes, constant)
-    readings = {
-        quantity: values - smoothed[:, force_samples.places[quantity]]
-        for quantity, values in force_samples.readings.items()
-    }
-    return replace(force_samples, readings=readings)
-
-
-def smoothed_by_filter(changes: Array, constant: float, order: int = 0) -> Array:
-    """What a first-order filter adds to readings beside its delay: ``(s T)^2 / 2 - (s T)^3 / 3`` of
-    them, since ``exp(-s T) (1 + s T) = 1 - (s T)^2 / 2 + (s T)^3 / 3 - ...``; the delay is in
-    :func:`balance_times`. Shape (n, r).
-
-    Args:
-        changes: Of :class:`Forces`, shape (2, n, r).
-        constant: Time constant T of the filter [s].
-        order: Of the derivative by T.
-    """
-    by_second, by_third = (
-        (constant**2 / 2, constant**3 / 3) if order == 0 else (constant, constant**2)
-    )
-    return np.asarray(by_second * changes[0] - by_third * changes[1])
 
 
 def unmodelled_processes(segment: Segment, local: Basis, order: int = 0) -> Array:
@@ -603,19 +380,3 @@ def unmodelled_processes(segment: Segment, local: Basis, order: int = 0) -> Arra
         if part is not None:
             found[:, part] = segment.disturbance(each, local, order)
     return found
-
-
-def regressor_at(
-    experiment: Experiment, segment: Segment, times: Array, calibration: CalibrationValues
-) -> Array:
-    """Regressor of the body along a motion, shape (n, 6, 10).
-
-    Args:
-        experiment: With its robot.
-        segment: With its motion.
-        times: Within the segment [s], shape (n,).
-        calibration: Present values of the calibration parameters.
-    """
-    inputs = moving_body(segment, segment.basis(times), calibration, np.zeros(TEN))
-    motion = motion_and_wrench(experiment.robot, *calibration.pulling)(**inputs)
-    return platform_regressor(motion["specific_force"], motion["omega"], motion["alpha"])

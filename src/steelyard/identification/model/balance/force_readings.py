@@ -1,0 +1,178 @@
+"""Readings of the force instrument within a segment, and what their amplifier and processes add to them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.identification.model.balance.slopes import slopes
+from steelyard.identification.model.calibration_parameters import (
+    ROBOT,
+)
+from steelyard.identification.model.motion_segment import Segment
+from steelyard.identification.model.sources import Source
+from steelyard.robot.model import DIRECTIONS
+
+UNMODELLED = "unmodelled wrench"
+"""Quantity of the platform: what acts on it and nothing explains."""
+UNMODELLED_PARTS: Mapping[Source, slice] = {
+    (ROBOT, "unmodelled force"): slice(0, 3),
+    (ROBOT, "unmodelled torque"): slice(3, 6),
+}
+"""Processes that are parts of it -> where they stand in a wrench."""
+_AT_ONCE = 4096
+"""Force readings whose rows are held at once: they depend on everything."""
+_LEFT_OUT = 1e2
+"""1-sigma of a reading that is left out, in units of the largest reading: the balance goes on
+without it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """Readings of the force instrument within a segment."""
+
+    name: str
+    """Of the instrument."""
+    time: Array
+    """By its clock, moved to the common event [s]; of poses at rest their number; shape (n,)."""
+    readings: Mapping[str, Array]
+    """Quantity -> readings, r numbers a sample in all."""
+    sigma: Array
+    """1-sigma of single readings, shape (r,)."""
+    left_out: NDArray[np.bool_]
+    """Readings that stand alone against all others, shape (n, r)."""
+    unmodelled: Array | None = None
+    """1-sigma of the white part of the wrench that nothing explains, in units of its level [N],
+    [N m], shape (6,); None: the readings explain every wrench within their noise."""
+    everywhere: bool = False
+    """Whether that is in all directions; else in those that no cable carries."""
+    late: Array | None = None
+    """1-sigma that time stamps which scatter add to each reading, shape (n, r); None: none."""
+    unread: NDArray[np.bool_] | None = None
+    """Readings of cables without a sensor, whose values are a guess, shape (r,); None: there are
+    none."""
+    changes: Array | None = None
+    """Second and third derivative of the readings, which say what a filter has smoothed [N/s^2],
+    [N/s^3] and of torques, shape (2, n, r); None: not looked at, as of poses at rest."""
+
+    @property
+    def touched(self) -> NDArray[np.bool_]:
+        """Samples in which something else than the body pulls, shape (n,)."""
+        return np.asarray(self.left_out.all(axis=1))
+
+    @property
+    def guessed(self) -> NDArray[np.bool_]:
+        """Readings that nobody reads, shape (r,)."""
+        none = np.zeros(self.left_out.shape[1], dtype=bool)
+        return none if self.unread is None else self.unread
+
+    @property
+    def places(self) -> dict[str, slice]:
+        """Quantity -> where its readings stand among the r numbers of a sample."""
+        ends = np.cumsum([values.shape[1] for values in self.readings.values()]).tolist()
+        starts = [0, *ends[:-1]]
+        return {q: slice(*each) for q, *each in zip(self.readings, starts, ends, strict=True)}
+
+    def parts(self) -> Iterator[Forces]:
+        """The same, some samples at a time: rows take much memory."""
+        for start in range(0, len(self.time), _AT_ONCE):
+            yield self.part(slice(start, start + _AT_ONCE))
+
+    def part(self, own: slice | NDArray[np.bool_]) -> Forces:
+        """Some of its samples.
+
+        Args:
+            own: Which.
+        """
+        return replace(
+            self,
+            time=self.time[own],
+            readings={quantity: values[own] for quantity, values in self.readings.items()},
+            left_out=self.left_out[own],
+            late=None if self.late is None else self.late[own],
+            changes=None if self.changes is None else self.changes[:, own],
+        )
+
+    def with_changes(self) -> Forces:
+        """With the derivatives of the readings, those that are left out bridged."""
+        whole = np.hstack(list(self.readings.values()))
+        for column, lost in zip(whole.T, self.left_out.T, strict=True):
+            if lost.any() and not lost.all():
+                column[lost] = np.interp(self.time[lost], self.time[~lost], column[~lost])
+        second = slopes(self.time, slopes(self.time, whole))
+        return replace(self, changes=np.stack([second, slopes(self.time, second)]))
+
+    def sigmas(self, segment: Segment, factors: Mapping[Source, float]) -> Array:
+        """1-sigma of every reading, shape (n, r)."""
+        factor = np.concatenate(
+            [
+                np.full(v.shape[1], factors.get(segment.label(self.name, q), 1.0))
+                for q, v in self.readings.items()
+            ]
+        )
+        largest = np.concatenate(
+            [np.abs(v).max(axis=0, initial=0.0) for v in self.readings.values()]
+        )
+        # So wide that no reading of it matters, however good the sensor was.
+        without = _LEFT_OUT * np.maximum(self.sigma * factor, largest)
+        own = self.sigma * factor
+        if self.late is not None:
+            own = np.hypot(own, self.late)
+        return np.asarray(np.where(self.left_out, without, own))
+
+    def unmodelled_sigma(self, segment: Segment, factors: Mapping[Source, float]) -> Array:
+        """1-sigma of the white part of the wrench that nothing explains [N], [N m], shape (6,)."""
+        if self.unmodelled is None:
+            return np.zeros(DIRECTIONS)
+        return factors.get(segment.label(ROBOT, UNMODELLED), 1.0) * self.unmodelled
+
+
+def undisturbed(force_samples: Forces, added: Array) -> Forces:
+    """Force readings less what processes add to them.
+
+    Args:
+        force_samples: Force readings.
+        added: See :func:`disturbance_of_forces`.
+    """
+    readings = {
+        quantity: values - added[:, force_samples.places[quantity]]
+        for quantity, values in force_samples.readings.items()
+    }
+    return replace(force_samples, readings=readings)
+
+
+def unfiltered(force_samples: Forces, constant: float) -> Forces:
+    """Force readings as they would be if their filter made them late and nothing else.
+
+    Args:
+        force_samples: Force readings.
+        constant: Time constant T of the filter [s].
+    """
+    if force_samples.changes is None or constant == 0.0:
+        return force_samples
+    smoothed = smoothed_by_filter(force_samples.changes, constant)
+    readings = {
+        quantity: values - smoothed[:, force_samples.places[quantity]]
+        for quantity, values in force_samples.readings.items()
+    }
+    return replace(force_samples, readings=readings)
+
+
+def smoothed_by_filter(changes: Array, constant: float, order: int = 0) -> Array:
+    """What a first-order filter adds to readings beside its delay: ``(s T)^2 / 2 - (s T)^3 / 3`` of
+    them, since ``exp(-s T) (1 + s T) = 1 - (s T)^2 / 2 + (s T)^3 / 3 - ...``; the delay is in
+    :func:`balance_times`. Shape (n, r).
+
+    Args:
+        changes: Of :class:`Forces`, shape (2, n, r).
+        constant: Time constant T of the filter [s].
+        order: Of the derivative by T.
+    """
+    by_second, by_third = (
+        (constant**2 / 2, constant**3 / 3) if order == 0 else (constant, constant**2)
+    )
+    return np.asarray(by_second * changes[0] - by_third * changes[1])

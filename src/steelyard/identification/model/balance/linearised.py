@@ -1,0 +1,310 @@
+"""The balance linearised about where everything stands: how it follows the motion, the body and every
+calibration parameter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.arrays import Array
+from steelyard.experiment.model import Experiment
+from steelyard.identification.model.balance import (
+    UNMODELLED_PARTS,
+    Balance,
+    Forces,
+    balance_at,
+    moving_at,
+    smoothed_by_filter,
+    time_constant,
+    unmodelled_processes,
+)
+from steelyard.identification.model.balance.equations import derivatives_of_balance
+from steelyard.identification.model.calibration_parameters import (
+    AIR,
+    ATTACHED,
+    DRAG,
+    ROBOT,
+    SWIVEL,
+    CalibrationValues,
+    hose_keys,
+)
+from steelyard.identification.model.motion_residuals import (
+    rate_along,
+    reference_clocks,
+    time_of,
+)
+from steelyard.identification.model.motion_segment import Segment
+from steelyard.identification.model.processes import Process
+from steelyard.identification.model.segment import (
+    POSE,
+    Basis,
+    motion_at,
+)
+from steelyard.identification.model.sources import Source
+from steelyard.instruments.base import TIME_CONSTANT, Instrument
+from steelyard.instruments.equations import following, sensitivity
+from steelyard.instruments.tension import GAINS, PRESLIDING, rolled_along
+from steelyard.robot.model import DIRECTIONS
+
+_TRAVEL_STEP = 1e-6
+"""Step of a travel that shows how friction follows it [m]."""
+ByParameters = Iterator[tuple[slice, Array]]
+"""Where calibration parameters stand, and the derivative of the balance by them, shape (n, 6,
+c)."""
+
+
+@dataclass(frozen=True, eq=False)
+class BalancePoint:
+    """Where the balance is linearised, and how it follows what it depends on."""
+
+    experiment: Experiment
+    segment: Segment
+    force_samples: Forces
+    calibration: CalibrationValues
+    at: Balance
+    local: Basis
+    """Spline functions at its times."""
+    motion: tuple[Array, Array, Array, Array]
+    """Pose and its first three time derivatives, shape (n, 7) each."""
+    derivatives: Mapping[str, Array]
+    """See :func:`.derivatives_of_balance`."""
+
+    @property
+    def instrument(self) -> Instrument:
+        """Of the forces."""
+        return self.experiment.instruments[self.force_samples.name]
+
+    @property
+    def errors(self) -> dict[str, Array]:
+        """Values of its systematic errors."""
+        return self.calibration.of(self.force_samples.name, self.instrument, self.segment.run)
+
+    def by_body(self, parameters: Array) -> Array:
+        """Derivative of the balance by the ten parameters, shape (n, 6, 10).
+
+        Where no cable has a sensor, it is told in multiples of the mass, and so is what is left of it: a
+        body that shrinks would shrink its residual, and the likelihood would rise for nothing.
+        """
+        found = self.derivatives["by_parameters"]
+        if not self.force_samples.guessed.all():
+            return found
+        found = found.copy()
+        found[:, :, 0] -= self.at.left_over / parameters[0]
+        return found
+
+    def by_motion(self) -> tuple[Array, Array, Array]:
+        """Derivatives of the balance by pose, rate and acceleration, shape (n, 6, 7) each.
+
+        How the rate and the weight of a cable change with an error of the geometry is of no account.
+        """
+        names = ("by_pose", "by_rate", "by_acceleration")
+        by_pose, by_rate, by_acceleration = (self.derivatives[name] for name in names)
+        moved, structure = self.followed_by_readings(), self.at.structure
+        if moved is not None and structure is not None:
+            by_pose = by_pose + structure @ moved[0]
+            by_rate = by_rate + structure @ moved[1]
+        return by_pose, by_rate, by_acceleration
+
+    def followed_by_readings(self) -> tuple[Array, Array] | None:
+        """How tensions or wrench follow pose and rate for the same readings, shape (n, k, 7) each; None:
+        they do not.
+        """
+        at, pose, rate = self.at, *self.motion[:2]
+        return following(
+            at.measured.quantity,
+            self.instrument,
+            self.experiment.robot,
+            tuple(self.force_samples.readings),
+            (pose, rate),
+            at.carried,
+            self.errors,
+            at.motion.get("rolling"),
+        )
+
+    def by_state(self, by_pose: Array) -> Array:
+        """Derivative of the balance by the pose and by the processes beside it, shape (n, 6, block)."""
+        segment = self.segment
+        found = np.zeros((*by_pose.shape[:2], segment.block))
+        found[:, :, :POSE] = by_pose
+        for each in segment.processes:
+            part = UNMODELLED_PARTS.get(each.source)
+            if part is not None:
+                place = segment.process_places[each.source]
+                found[:, :, place] = -self.at.measured.unmodelled.wrench[:, :, part] * each.sizes
+        for each, place, own in self.of_readings():
+            found[:, :, place] = -self.at.by_reading[:, :, own] * each.sizes
+        return found
+
+    def of_readings(self) -> Iterator[tuple[Process, slice, slice]]:
+        """Processes that are added to the readings, where their coefficients stand, and which readings
+        these are.
+        """
+        for quantity, own in self.force_samples.places.items():
+            for each, place in self.segment.processes_of((self.force_samples.name, quantity)):
+                yield each, place, own
+
+    def by_terms(self) -> ByParameters:
+        """Derivatives of the balance by the systematic errors of the readings."""
+        at = self.at
+        changes = self.terms_of_readings(at.asked)
+        if at.structure is None or at.structure.shape[2] >= DIRECTIONS:
+            for place, change in changes:
+                yield place, at.measured.changes_of_wrench(change)
+            return
+        # What no cable carries is told in units of the readings too: it shrinks with the body where gains
+        # grow, which else the likelihood would rise for.
+        unit = np.diagonal(at.measured.by_reading, axis1=1, axis2=2)
+        further = self.terms_of_readings(at.asked + unit)
+        for (place, change), (_, more) in zip(changes, further, strict=True):
+            by_scale = np.mean(more - change, axis=1)
+            shrinks = np.einsum("ni,nc->nic", at.uncarried, by_scale)
+            yield place, at.measured.changes_of_wrench(change) - shrinks
+
+    def terms_of_readings(self, values: Array) -> ByParameters:
+        """Derivatives of tensions or wrench by the systematic errors of the readings, shape (n, k, c).
+
+        Args:
+            values: Tensions or wrench, shape (n, k).
+        """
+        at, instrument, run = self.at, self.instrument, self.segment.run
+        if not instrument.terms(self.experiment.robot.m):
+            # Cables that nobody reads have no errors.
+            return
+        name, robot = self.force_samples.name, self.experiment.robot
+        parameters = self.calibration.calibration_parameters
+        unknown = at.measured.quantity
+        _, by_terms, by_rolling = sensitivity(
+            unknown,
+            instrument,
+            robot,
+            tuple(self.force_samples.readings),
+            {**at.motion, unknown: values},
+            self.errors,
+        )
+        by_terms = np.broadcast_to(by_terms, (len(at.time), *by_terms.shape[1:]))
+        column = 0
+        for place in parameters.places_of(name, instrument, run).values():
+            size = place.stop - place.start
+            yield place, by_terms[:, :, column : column + size]
+            column += size
+        if by_rolling is None or self.segment.static:
+            return
+        travel = float(np.squeeze(self.errors[PRESLIDING]))
+        position, rotation = at.motion["position"], at.motion["rotation"]
+        longer = rolled_along(robot, position, rotation, travel + _TRAVEL_STEP)
+        shorter = rolled_along(robot, position, rotation, travel - _TRAVEL_STEP)
+        by_travel = (longer - shorter) / (2 * _TRAVEL_STEP)
+        further = np.einsum("nkm,nm->nk", by_rolling, by_travel)
+        yield parameters.place(name, PRESLIDING, run), further[:, :, None]
+
+    def by_gains(self) -> ByParameters:
+        """Derivative of tensions by gains, of a newton of each, shape (n, m, g)."""
+        places = self.calibration.calibration_parameters.places_of(
+            self.force_samples.name, self.instrument, self.segment.run
+        )
+        gains, asked = [places[key] for key in GAINS if key in places], self.at.asked
+        if not gains:
+            return
+        some = self.terms_of_readings(asked)
+        more = self.terms_of_readings(asked + 1.0)
+        for (place, change), (_, changed) in zip(some, more, strict=True):
+            if place in gains:
+                yield place, changed - change
+
+    def by_robot(self) -> ByParameters:
+        """Derivatives of the balance by gravity, by the geometry of the cables, by what is carried more
+        than the first load and by what else pulls at the platform.
+        """
+        parameters = self.calibration.calibration_parameters
+        places = parameters.places
+        keys = ("gravity", "anchor", "attachment") if self.experiment.robot.m else ("gravity",)
+        for key in keys:
+            yield places[ROBOT, key, None], self.derivatives[f"by_{key}"]
+        load = parameters.place_of_load(self.segment.run)
+        if load is not None:
+            yield load, self.derivatives["by_parameters"]
+        hoses = hose_keys(parameters)
+        rubbing = self.calibration.swivel().size
+        swivels = ((SWIVEL, rubbing),) if rubbing else ()
+        beside = (
+            ("by_attached", ATTACHED),
+            ("by_air", AIR),
+            ("by_hoses", hoses),
+            ("by_swivel", swivels),
+        )
+        for name, parts in beside:
+            column = 0
+            for key, size in parts if self.experiment.robot.m or parts is hoses else ():
+                derivative = self.derivatives[name][:, :, column : column + size]
+                yield parameters.place(ROBOT, key, self.segment.run), derivative
+                column += size
+
+    def by_moving(self, by: tuple[Array, Array, Array]) -> ByParameters:
+        """Derivatives of the balance by what matters in motion only: delays of the clocks, the time
+        constant of a filter, the inertia of the cables.
+        """
+        segment, name = self.segment, self.force_samples.name
+        if segment.static:
+            return
+        parameters = self.calibration.calibration_parameters
+        _, clock, origin = time_of(
+            self.experiment,
+            segment,
+            self.calibration,
+            reference_clocks(self.experiment, parameters, segment),
+            name,
+            self.force_samples.time,
+        )
+        by_delay = -rate_along(by, self.motion)
+        changes = unmodelled_processes(segment, self.local, 1)
+        if changes.any():
+            by_delay += np.einsum("nij,nj->ni", self.at.measured.unmodelled.wrench, changes)
+        for each, _, own in self.of_readings():
+            rate = segment.disturbance(each, self.local, 1)
+            by_delay += np.einsum("nij,nj->ni", self.at.by_reading[:, :, own], rate)
+        by_delay = by_delay[:, :, None]
+        if clock != origin:
+            yield clock, by_delay
+            yield origin, -by_delay
+        places = parameters.places_of(name, self.instrument, segment.run)
+        if TIME_CONSTANT in places:
+            yield places[TIME_CONSTANT], by_delay + self._by_smoothing()
+        yield parameters.places[ROBOT, DRAG, None], self.derivatives["by_drag"][:, :, None]
+
+    def _by_smoothing(self) -> Array:
+        """Derivative of the balance by the time constant of a filter as far as it is no delay, shape (n,
+        6, 1).
+        """
+        forces = self.force_samples
+        if forces.changes is None:
+            return np.zeros((len(forces.time), DIRECTIONS, 1))
+        constant = time_constant(self.experiment, self.segment, forces, self.calibration)
+        by_constant = smoothed_by_filter(forces.changes, constant, order=1)
+        return np.asarray(-self.at.by_reading @ by_constant[:, :, None])
+
+
+def point_of(
+    experiment: Experiment,
+    segment: Segment,
+    force_samples: Forces,
+    calibration: CalibrationValues,
+    parameters: Array,
+    factors: Mapping[Source, float],
+) -> BalancePoint:
+    """The balance linearised about where everything stands."""
+    moving = moving_at(experiment, segment, force_samples, calibration, parameters)
+    at = balance_at(moving, experiment, segment, force_samples, calibration, factors)
+    cables = {} if at.structure is None else {"tension": at.carried, **calibration.geometry}
+    return BalancePoint(
+        experiment,
+        segment,
+        force_samples,
+        calibration,
+        at,
+        moving.local,
+        motion_at(moving.local, segment.coefficients),
+        derivatives_of_balance(experiment.robot, *calibration.pulling)(**moving.inputs, **cables),
+    )
