@@ -20,12 +20,11 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.balance import Balance, Forces, balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.carried_tensions import carried_tensions
+from steelyard.identification.model.followed_tensions import Carried, stretching
 from steelyard.identification.model.motion_residuals import (
     AT_ONCE,
-    Carried,
     looked_at,
     reference_clocks,
-    stretching,
 )
 from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.sources import Source

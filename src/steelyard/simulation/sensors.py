@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from steelyard.errors import InputError, WrongValueError
-from steelyard.experiment.read import check_instruments
+from steelyard.experiment.checks import check_instruments
 from steelyard.instruments import AnyInstrument, Instrument
 from steelyard.instruments.base import exact, is_absent, sigma
 from steelyard.robot.model import Robot

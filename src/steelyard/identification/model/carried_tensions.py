@@ -22,9 +22,9 @@ from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationValues,
 )
+from steelyard.identification.model.followed_tensions import Carried
 from steelyard.identification.model.motion_residuals import (
     Border,
-    Carried,
 )
 from steelyard.identification.model.motion_segment import CarriedTensions, Segment
 from steelyard.identification.model.segment import (

@@ -7,7 +7,7 @@ where the motion of a segment is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,8 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
     clock_of,
 )
+from steelyard.identification.model.followed_tensions import Carried, CorrectedTensions, stretching
 from steelyard.identification.model.motion_segment import (
-    CarriedTensions,
     Reading,
     Segment,
     holding_rows,
@@ -35,17 +35,12 @@ from steelyard.identification.model.segment import (
     spread,
 )
 from steelyard.identification.model.sources import Source
-from steelyard.identification.tally import Tally, limit, robust_weight
+from steelyard.identification.tally import Tally, robust_weight
 from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.equations import linearised, without_effect
-from steelyard.instruments.length import CABLE_DAMPING
 
 AT_ONCE = 16384
 """Samples whose rows are held at once."""
-
-
-Carried = Callable[[Array], CarriedTensions]
-"""From times within a segment [s], shape (n,)."""
 
 
 def motion_residuals(
@@ -276,12 +271,12 @@ def _of_reading(
     instrument = experiment.instruments[name]
     label = segment.label(*reading.source)
     sigma: float | Array = reading.sigma * factors.get(label, 1.0)
-    followed: _CorrectedTensions | None = None
+    followed: CorrectedTensions | None = None
     if carried is not None and reading.follows:
         if reading.late is not None:
             sigma = np.hypot(sigma, reading.late[part])
         pulling = stretching(carried, calibration, name, segment.run, column_of)
-        followed = _CorrectedTensions(pulling, sigma)
+        followed = CorrectedTensions(pulling, sigma)
     times, local, motion, linear = looked_at(
         experiment, segment, reading, part, calibration, references, followed, seen
     )
@@ -379,34 +374,6 @@ def _of_reading(
     )
 
 
-def stretching(
-    carried: Carried,
-    calibration: CalibrationValues,
-    name: str,
-    run: str,
-    column_of: NDArray[np.intp],
-) -> Carried:
-    """Tensions by which cables stretch as an instrument reads them: their damping takes a part.
-
-    Args:
-        carried: All of the tensions.
-        calibration: Present values of the systematic errors.
-        name: Of the instrument.
-        run: In which it reads.
-        column_of: Column of each systematic error in the border; -1: not there; shape (u,).
-    """
-    try:
-        place = calibration.calibration_parameters.place(name, CABLE_DAMPING, run)
-    except KeyError:
-        return carried
-    lags, columns = calibration.values[place], column_of[place]
-
-    def at_times(times: Array) -> CarriedTensions:
-        return carried(times).behind(lags, columns)
-
-    return at_times
-
-
 def _lateness_whitener(late: Array) -> Array:
     """What makes noise white that all channels of a sample share, beside noise of their own: one
     stamp is late for all of them, so that only one direction of them is worse known.
@@ -421,61 +388,6 @@ def _lateness_whitener(late: Array) -> Array:
     square = np.sum(late**2, axis=1)[:, None, None]
     outer = late[:, :, None] * late[:, None, :] / np.maximum(square, 1e-300)
     return np.asarray(np.eye(late.shape[1]) - (1 - 1 / np.sqrt(1 + square)) * outer)
-
-
-class _CorrectedTensions:
-    """Tensions that lengths follow: as the forces carry the body, then less the noise that the lengths
-    themselves show, so that it does not meet itself in the derivatives [Helmert1872]_.
-    """
-
-    carried: CarriedTensions
-
-    def __init__(self, at: Carried, sigma: float | Array) -> None:
-        self._at, self._sigma = at, sigma
-        self._off: Array | None = None
-
-    def __call__(self, times: Array) -> CarriedTensions:
-        """Tensions about which is linearised."""
-        if self._off is None:
-            self.carried = self._at(times)
-        return self.about
-
-    @property
-    def about(self) -> CarriedTensions:
-        """The same, once the times are known."""
-        return self.carried if self._off is None else self.carried.without(self._off)
-
-    def deviation(self, slope: Array) -> Array:
-        """1-sigma of the residuals by noise of the lengths and of the tensions, shape (n, k).
-
-        Args:
-            slope: Derivative of the residuals by the tensions, shape (n, k, m).
-        """
-        own = np.einsum("nkm,nm->nk", slope**2, self.carried.variance)
-        return np.asarray(np.sqrt(np.square(self._sigma) + own))
-
-    def correct(self, linear: Mapping[str, Array]) -> bool:
-        """Take off the noise that the residuals show, no more than noise may do; whether there is
-        any.
-        """
-        slope, noise = linear["by_tension"], self.carried.noise
-        far = limit(1) * self.deviation(slope)
-        residual = np.clip(np.nan_to_num(linear["residual"]), -far, far)
-        shown = slope @ noise
-        own = np.broadcast_to(np.square(self._sigma), residual.shape)
-        covariance = shown @ shown.transpose(0, 2, 1) + own[:, :, None] * np.eye(own.shape[1])
-        likeliest = np.linalg.solve(covariance, residual[:, :, None])
-        off = (noise @ (shown.transpose(0, 2, 1) @ likeliest))[:, :, 0]
-        # No cable is pulled slack by noise.
-        most = 0.5 * np.abs(self.carried.values)
-        self._off = np.clip(off, -most, most)
-        return bool(self._off.any())
-
-    def as_carried(self, linear: Mapping[str, Array]) -> Mapping[str, Array]:
-        """The linearised difference at the carried tensions, by derivatives about the others."""
-        assert self._off is not None
-        further = np.einsum("nkm,nm->nk", linear["by_tension"], self._off)
-        return {**linear, "residual": linear["residual"] + further}
 
 
 def _with_processes(
