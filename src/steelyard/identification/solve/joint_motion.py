@@ -8,19 +8,18 @@ own instruments ask for.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.balance import Balance, Forces, balance_of
+from steelyard.identification.model.balance import balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.motion_residuals import reference_clocks, time_of
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.samples.dense_streams import average_dense
-from steelyard.identification.samples.segmentation import Recorded, recorded
+from steelyard.identification.samples.segmentation import recorded
 from steelyard.identification.samples.spline_through_poses import resampled
 from steelyard.identification.solve.beginning import (
     Beginning,
@@ -36,14 +35,13 @@ from steelyard.identification.solve.fit_state import FitState, Task, linearise, 
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.coherence import coherence
 from steelyard.identification.solve.misfits.disturbances import as_noise, with_disturbances
-from steelyard.identification.solve.misfits.hands import touching, without
 from steelyard.identification.solve.misfits.jitter import with_jitter, with_jitter_found
 from steelyard.identification.solve.misfits.outliers import look
-from steelyard.identification.solve.misfits.slack_cables import SlackCables, around, slack_cables
 from steelyard.identification.solve.misfits.suspicions import (
     with_suspicions,
     without_needless,
 )
+from steelyard.identification.solve.misfits.undisturbed_swings import undisturbed_swings
 from steelyard.identification.solve.newton_step import step_of
 from steelyard.identification.solve.noise_levels import ratios_of, spent_by
 from steelyard.identification.solve.posterior import Posterior, Progress
@@ -111,13 +109,13 @@ def fit_readings(readings: Readings, begun: Beginning, tell: Tell) -> Fitted:
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
-    readings, begun = _undisturbed(readings, begun)
+    readings, begun = undisturbed_swings(readings, begun)
     found = _fitted(readings, begun, tell, {})
     if vibrations := _vibrations(readings, found):
         tell("following a vibration", 0.4)
         readings = _finer(readings, vibrations)
         begun = with_body(readings, _again(readings, found, vibrations))
-        readings, begun = _undisturbed(readings, begun)
+        readings, begun = undisturbed_swings(readings, begun)
         found = _fitted(readings, begun, tell, vibrations)
     found = _as_forces_ask(readings, found, tell)
     tell("what nothing explains", 0.8)
@@ -135,80 +133,6 @@ def fit_readings(readings: Readings, begun: Beginning, tell: Tell) -> Fitted:
         found = replace(found, task=task, fit=own)
     # Gains that were far off then have stretched cables by what they do not.
     return _seen_with_tensions(found, _SAME_TENSION)
-
-
-def _undisturbed(readings: Readings, begun: Beginning) -> tuple[Readings, Beginning]:
-    """Readings and first body without what slack cables and hands do to a platform whose cables
-    nobody reads; the very same where all are read.
-    """
-    if not any(forces.guessed.all() for forces in readings.force_samples):
-        return readings, begun
-    return _without_hands(*_without_slack(readings, begun))
-
-
-def _without_slack(readings: Readings, begun: Beginning) -> tuple[Readings, Beginning]:
-    """Readings and first body without the stretches in which a cable is slack."""
-    found, records = [], []
-    for record, balances in _balances(readings, begun.state):
-        force_samples = []
-        for segment, forces, at in balances:
-            slack = slack_cables(at, forces, readings.settings)
-            if slack.any() and not segment.static:
-                forces = without(forces, at, around(at.time, slack, readings.settings))
-                left_out = float(forces.touched.mean())
-                found.append(SlackCables(segment.run, slack.mean(axis=0), left_out))
-            force_samples.append(forces)
-        records.append(replace(record, force_samples=tuple(force_samples)))
-    if not found:
-        return readings, begun
-    by_run = {each.run: each for each in (*begun.slack, *found)}
-    return _begun_anew(readings, begun, records, slack=tuple(by_run.values()))
-
-
-def _without_hands(readings: Readings, begun: Beginning) -> tuple[Readings, Beginning]:
-    """Readings and first body without what a hand does to the platform."""
-    touched: dict[str, list[tuple[float, float]]] = {}
-    for _ in range(readings.settings.hand_turns):
-        changed, records = False, []
-        for record, balances in _balances(readings, begun.state):
-            force_samples = []
-            for segment, forces, at in balances:
-                hands = () if segment.static else touching(at, forces, readings.settings)
-                cut = without(forces, at, hands)
-                if hands and cut.touched.mean() < readings.settings.most_touched:
-                    touched.setdefault(segment.run, []).extend(hands)
-                    changed, forces = True, cut
-                force_samples.append(forces)
-            records.append(replace(record, force_samples=tuple(force_samples)))
-        if not changed:
-            break
-        readings, begun = _begun_anew(readings, begun, records, touched=touched)
-    return readings, begun
-
-
-def _balances(
-    readings: Readings, state: FitState
-) -> Iterator[tuple[Recorded, list[tuple[Segment, Forces, Balance]]]]:
-    """Every record with its segments, their forces and the balance of these about a state."""
-    assert state.parameters is not None
-    segments = iter(state.segments)
-    shared = state.calibration, state.parameters, state.factors
-    for record in readings.records:
-        own = []
-        for forces in record.force_samples:
-            segment = next(segments)
-            at = balance_of(readings.experiment, segment, forces, *shared)
-            own.append((segment, forces, at))
-        yield record, own
-
-
-def _begun_anew(
-    readings: Readings, begun: Beginning, records: Sequence[Recorded], **changes: Any
-) -> tuple[Readings, Beginning]:
-    """Other records and the first body by them; changes are of the beginning."""
-    readings = replace(readings, records=tuple(records))
-    anew = replace(begun, state=replace(begun.state, parameters=None))
-    return readings, replace(with_body(readings, anew), **changes)
 
 
 def _finer(readings: Readings, vibrations: Mapping[str, _FinerKnots]) -> Readings:
@@ -244,7 +168,7 @@ def _as_forces_ask(readings: Readings, found: Fitted, tell: Tell) -> Fitted:
         if not _explain(begun, found):
             break
         tell("following what the forces resolve", 0.5)
-        finer, begun = _undisturbed(finer, begun)
+        finer, begun = undisturbed_swings(finer, begun)
         tried = _fitted(finer, begun, tell, {})
         if not tried.fit.converged or _force_level(tried) >= _force_level(found):
             break
