@@ -4,6 +4,7 @@ recordings in motion.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -273,18 +274,13 @@ class GeometryCalibration:
                 f"the fit did not settle in {found.fit.turns} steps: the robot file is far from the"
                 " readings; check the order of the cables, units and signs"
             )
-        for (name, quantity), ratio in found.fit.ratios.items():
-            source = (name, quantity)
-            count = found.fit.tally.count.get(source, 0.0)
-            factor = found.fit.state.factors.get(source, 1.0)
-            if source in found.fit.stated and count > 1:
-                size = ratio * factor**2
-                if size > 2 and chi2_tail(size * count, count) < self.settings.by_chance:
-                    reasons.append(
-                        f"{quantity.removesuffix(' at rest').replace('_', ' ')} of {name} departs from"
-                        f" all others by {np.sqrt(size):.1f} times its stated noise; check the order"
-                        f" of the cables, units, signs and 'noise'{self._stretch}"
-                    )
+        departing = sorted(self._departing(), key=lambda each: -each[1])
+        if departing:
+            sizes = [f"{what} by {size:.1f}" for what, size in departing]
+            reasons.append(
+                f"readings depart from all others, in their stated noise: {', '.join(sizes)}; check the"
+                f" order of the cables, units, signs and 'noise'{self._stretch}"
+            )
         for place, entry, _ in found.parameters.components():
             drum = entry.key == "gain" and self.experiment.instruments[entry.owner].is_cable_motion
             if drum and found.ended.values[place] <= 0:
@@ -311,6 +307,19 @@ class GeometryCalibration:
             )
         unit = in_millimetres(self.experiment) if reasons else ""
         return [unit, *reasons] if unit else reasons
+
+    def _departing(self) -> Iterator[tuple[str, float]]:
+        """What scatters by more than its stated noise, and by how many times that."""
+        fit = self.found.fit
+        for source, ratio in fit.ratios.items():
+            count = fit.tally.count.get(source, 0.0)
+            if source not in fit.stated or count <= 1:
+                continue
+            size = ratio * fit.state.factors.get(source, 1.0) ** 2
+            if size > 2 and chi2_tail(size * count, count) < self.settings.by_chance:
+                name, quantity = source
+                what = quantity.removesuffix(" at rest").replace("_", " ")
+                yield f"{what} of {name}", float(np.sqrt(size))
 
     @property
     def _stretch(self) -> str:
