@@ -126,13 +126,16 @@ def slack_cables(experiment: Experiment, joint: Posterior | None) -> tuple[Slack
     """
     if not experiment.runs or not is_unread(experiment) or not 0 < experiment.robot.m < DIRECTIONS:
         return ()
-    try:
-        found = {each.run: each for each in swing_regression(experiment).slack}
-    except InputError:
-        # Lengths and rates tell no pose by themselves.
-        found = {}
+    fitted = set() if joint is None else set(joint.weights)
+    found: dict[str, SlackCables] = {}
+    if any(run.name not in fitted for run in experiment.runs):
+        try:
+            found = {each.run: each for each in swing_regression(experiment).slack}
+        except InputError:
+            # Lengths and rates tell no pose by themselves.
+            found = {}
     if joint is not None:
-        found = {name: each for name, each in found.items() if name not in joint.weights}
+        found = {name: each for name, each in found.items() if name not in fitted}
         found |= {each.run: each for each in joint.slack}
     return tuple(found[run.name] for run in experiment.runs if run.name in found)
 

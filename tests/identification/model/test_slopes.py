@@ -43,3 +43,17 @@ def test_poses_at_rest_have_no_filter():
         "cables", np.arange(3.0), {"tension": np.ones((3, 1))}, np.ones(1), np.zeros((3, 1), bool)
     )
     assert unfiltered(forces, 0.03) is forces
+
+
+def test_a_reading_that_is_left_out_later_is_bridged_as_one_that_was_never_there():
+    time = np.arange(0.0, 3.0, 0.01)
+    read = np.column_stack([500.0 + 50 * np.sin(3 * time), 400.0 + 20 * time])
+    read[120, 0] = 9000.0
+    none = np.zeros(read.shape, dtype=bool)
+    gone = none.copy()
+    gone[120, 0] = True
+    whole = Forces("cables", time, {"tension": read}, np.ones(2), none).with_changes()
+    never = Forces("cables", time, {"tension": read}, np.ones(2), gone).with_changes()
+    np.testing.assert_array_equal(whole.leaving_out(gone).changes, never.changes)
+    assert np.abs(whole.changes - never.changes).max() > 1e4
+    assert whole.leaving_out(none.copy()).changes is whole.changes

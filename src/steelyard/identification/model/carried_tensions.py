@@ -108,9 +108,10 @@ def _carried_of(
         by_state[:, :, place] -= by_reading[:, :, own] * each.sizes
     border, gains = Border(column_of, n, m), Border(column_of, n, m)
     border.extend(np.arange(TEN), following_balance(point.by_body(parameters)))
-    for place, own_gain in point.by_gains():
+    terms = list(point.terms_of_readings(at.asked))
+    for place, own_gain in point.by_gains(terms):
         gains.put(place, own_gain)
-    for place, change in point.terms_of_readings(at.asked):
+    for place, change in terms:
         by_wrench = at.measured.changes_of_wrench(change)
         border.put(place, change + following_balance(by_wrench))
     for place, derivative in point.by_robot():

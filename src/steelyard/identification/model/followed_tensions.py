@@ -61,6 +61,8 @@ class CorrectedTensions:
     """
 
     carried: CarriedTensions
+    about: CarriedTensions
+    """About which is linearised, once the times are known."""
 
     def __init__(self, at: Carried, sigma: float | Array) -> None:
         self._at, self._sigma = at, sigma
@@ -69,13 +71,8 @@ class CorrectedTensions:
     def __call__(self, times: Array) -> CarriedTensions:
         """Tensions about which is linearised."""
         if self._off is None:
-            self.carried = self._at(times)
+            self.carried = self.about = self._at(times)
         return self.about
-
-    @property
-    def about(self) -> CarriedTensions:
-        """The same, once the times are known."""
-        return self.carried if self._off is None else self.carried.without(self._off)
 
     def deviation(self, slope: Array) -> Array:
         """1-sigma of the residuals by noise of the lengths and of the tensions, shape (n, k).
@@ -101,6 +98,7 @@ class CorrectedTensions:
         # No cable is pulled slack by noise.
         most = 0.5 * np.abs(self.carried.values)
         self._off = np.clip(off, -most, most)
+        self.about = self.carried.without(self._off)
         return bool(self._off.any())
 
     def as_carried(self, linear: Mapping[str, Array]) -> Mapping[str, Array]:

@@ -366,8 +366,7 @@ def _touched(fitted: Fitted, settings: FitSettings) -> tuple[Fitted, bool]:
         )
         looked = look(at, own, own.sigmas(segment, state.factors), settings)
         contacts.setdefault(segment.run, []).extend(looked.contacts)
-        further = replace(forces, left_out=looked.force_samples.left_out)
-        force_samples.append(further if forces.changes is None else further.with_changes())
+        force_samples.append(forces.leaving_out(looked.force_samples.left_out))
     changed = any(
         bool(np.any(new.left_out != old.left_out))
         for new, old in zip(force_samples, fitted.force_samples, strict=True)

@@ -106,6 +106,17 @@ class Forces:
         second = slopes(self.time, slopes(self.time, whole))
         return replace(self, changes=np.stack([second, slopes(self.time, second)]))
 
+    def leaving_out(self, left_out: NDArray[np.bool_]) -> Forces:
+        """With other readings left out.
+
+        Args:
+            left_out: Which, shape (n, r).
+        """
+        found = replace(self, left_out=left_out)
+        if self.changes is None or np.array_equal(left_out, self.left_out):
+            return found
+        return found.with_changes()
+
     def sigmas(self, segment: Segment, factors: Mapping[Source, float]) -> Array:
         """1-sigma of every reading, shape (n, r)."""
         factor = np.concatenate(

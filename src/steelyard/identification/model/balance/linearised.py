@@ -4,7 +4,7 @@ calibration parameter.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -200,17 +200,20 @@ class BalancePoint:
         further = np.einsum("nkm,nm->nk", by_rolling, by_travel)
         yield parameters.place(name, PRESLIDING, run), further[:, :, None]
 
-    def by_gains(self) -> ByParameters:
-        """Derivative of tensions by gains, of a newton of each, shape (n, m, g)."""
+    def by_gains(self, terms: Sequence[tuple[slice, Array]]) -> ByParameters:
+        """Derivative of tensions by gains, of a newton of each, shape (n, m, g).
+
+        Args:
+            terms: See :meth:`terms_of_readings`, of the tensions that the body asks for.
+        """
         places = self.calibration.calibration_parameters.places_of(
             self.force_samples.name, self.instrument, self.segment.run
         )
-        gains, asked = [places[key] for key in GAINS if key in places], self.at.asked
+        gains = [places[key] for key in GAINS if key in places]
         if not gains:
             return
-        some = self.terms_of_readings(asked)
-        more = self.terms_of_readings(asked + 1.0)
-        for (place, change), (_, changed) in zip(some, more, strict=True):
+        more = self.terms_of_readings(self.at.asked + 1.0)
+        for (place, change), (_, changed) in zip(terms, more, strict=True):
             if place in gains:
                 yield place, changed - change
 
@@ -279,9 +282,9 @@ class BalancePoint:
         6, 1).
         """
         forces = self.force_samples
-        if forces.changes is None:
-            return np.zeros((len(forces.time), DIRECTIONS, 1))
         constant = time_constant(self.experiment, self.segment, forces, self.calibration)
+        if forces.changes is None or constant == 0.0:
+            return np.zeros((len(forces.time), DIRECTIONS, 1))
         by_constant = smoothed_by_filter(forces.changes, constant, order=1)
         return np.asarray(-self.at.by_reading @ by_constant[:, :, None])
 
