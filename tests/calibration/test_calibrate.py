@@ -12,14 +12,16 @@ from steelyard.calibration.calibrate import calibrate
 from steelyard.calibration.robot_text import robot_text
 from steelyard.cli.verbs.calibrate import calibrate as calibrate_verb
 from steelyard.errors import InputError
+from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.write import write_experiment
 from steelyard.identification.model.calibration_parameters import gather
-from steelyard.instruments import Length
+from steelyard.instruments import Length, Position
 from steelyard.report.documents.calibration import calibration_document
 from steelyard.report.forms.markdown import markdown
 from steelyard.report.write_calibration import write_calibration
 from steelyard.robot.file import read_robot
+from steelyard.robot.model import Robot
 
 
 @pytest.mark.parametrize("m", [3, 4, 8, 12])
@@ -177,6 +179,47 @@ def test_a_mistake_is_rejected(mistake, off):
         assert "seem to be in millimetres" in found.reasons[0].replace("seems", "seem")
     if mistake == "sign of the lengths":
         assert "turn their signs" in " ".join(found.reasons)
+
+
+def _point_on_four_lines(seed, order=(0, 1, 2, 3)):
+    """Lengths in 44 poses of a point, and where it was in nine of them; no noise is stated."""
+    rng = np.random.default_rng(seed)
+    anchors = np.array([[0, -1.6, -0.1], [1.5, 0.9, -0.1], [-1.4, 0.8, -0.1], [0, 0, 2.3]])
+    places = rng.uniform([-0.7, -0.7, 0], [0.7, 0.7, 1.2], (44, 3))
+    lengths = np.linalg.norm(places[:, None] - anchors, axis=2)
+    lengths += -np.linalg.norm(anchors, axis=1) + rng.normal(0, 5e-4, lengths.shape)
+    places[9:] = np.nan
+    robot = Robot("point", anchors + rng.normal(0, 0.1, (4, 3)), np.zeros((4, 3)))
+    number = np.arange(44.0)
+    exact = {"target": 0, "frame": {"position": 0, "rotation": 0}}
+    return Experiment(
+        "point",
+        robot,
+        {
+            "lines": Length(kind="length", calibration={"gain": 0.02}),
+            "place": Position(kind="position", calibration=exact),
+        },
+        (
+            Run(
+                "poses",
+                {
+                    "lines": Stream(number, {"length": lengths[:, order]}, "poses.csv"),
+                    "place": Stream(number, {"position": places}, "poses.csv"),
+                },
+                static=True,
+            ),
+        ),
+        uncertainty={"anchor": 0.3, "attachment": 0.0},
+    )
+
+
+@pytest.mark.parametrize("order", [(1, 0, 2, 3), (0, 2, 1, 3), (3, 1, 2, 0), (1, 2, 0, 3)])
+def test_cables_in_another_order_are_no_noise_of_few_places(order):
+    # Nine places are few of 44 rows: leaving four of them out is no correction of rows, and places
+    # whose noise nobody has stated may not be taken as known to decimetres instead.
+    assert not calibrate(_point_on_four_lines(1)).reasons
+    found = calibrate(_point_on_four_lines(1, order))
+    assert "order of the cables" in " ".join(found.reasons)
 
 
 def test_what_one_height_does_not_tell_is_null_and_named():

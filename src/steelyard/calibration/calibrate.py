@@ -4,7 +4,6 @@ recordings in motion.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -18,9 +17,9 @@ from steelyard.calibration.datum import Placed, check_datum, placed
 from steelyard.calibration.first_poses import UPRIGHT
 from steelyard.calibration.fit import GeometryFit, Progress, fit_geometry
 from steelyard.calibration.gauge import Gauge, gauge_of
+from steelyard.calibration.reasons import reasons_against
 from steelyard.calibration.settings import CALIBRATION, CalibrationSettings
 from steelyard.calibration.wrong_rows import WrongRow
-from steelyard.calibration.wrong_units import in_millimetres
 from steelyard.digits import number
 from steelyard.display import Display
 from steelyard.estimates.estimate import (
@@ -29,7 +28,6 @@ from steelyard.estimates.estimate import (
     plain,
     plausible_radius,
 )
-from steelyard.estimates.quantiles import chi2_tail
 from steelyard.experiment.given import GivenExperiment, experiment_of
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import (
@@ -267,81 +265,13 @@ class GeometryCalibration:
     @cached_property
     def reasons(self) -> list[str]:
         """Why not to rely on it; none where it can be."""
-        reasons = []
-        found = self.found
-        if not found.fit.converged:
-            reasons.append(
-                f"the fit did not settle in {found.fit.turns} steps: the robot file is far from the"
-                " readings; check the order of the cables, units and signs"
-            )
-        departing = sorted(self._departing(), key=lambda each: -each[1])
-        if departing:
-            sizes = [f"{what} by {size:.1f}" for what, size in departing]
-            reasons.append(
-                f"readings depart from all others, in their stated noise: {', '.join(sizes)}; check the"
-                f" order of the cables, units, signs and 'noise'{self._stretch}"
-            )
-        for place, entry, _ in found.parameters.components():
-            drum = entry.key == "gain" and self.experiment.instruments[entry.owner].is_cable_motion
-            if drum and found.ended.values[place] <= 0:
-                reasons.append(
-                    f"lengths of {entry.owner} fall where cables get longer; turn their signs"
-                    " ('scale: {l1: -1, …}' in the stream)"
-                )
-                break
-        if found.parameters.weighed is not None:
-            reasons += found.parameters.weighed.reasons
-        datum = self.experiment.datum
-        if datum is not None and any((w.run, w.row) == (datum.pose, 1) for w in found.wrong):
-            reasons.append(
-                f"the first pose of run '{datum.pose}', which defines the world, contradicts all others;"
-                " correct it, or name other poses or anchors under 'datum'"
-            )
-        off = self._off()
-        worst = int(np.argmax(np.abs(off))) if len(off) else 0
-        if len(off) and abs(off[worst]) > self.settings.far_off:
-            reasons.append(
-                f"{self.names[worst]} moves by {abs(off[worst]):.1f} of its 1-sigma beforehand; check"
-                " the order of the cables and the unit of the robot file, or state a larger"
-                " 'uncertainty'"
-            )
-        unit = in_millimetres(self.experiment) if reasons else ""
-        return [unit, *reasons] if unit else reasons
-
-    def _departing(self) -> Iterator[tuple[str, float]]:
-        """What scatters by more than its stated noise, and by how many times that."""
-        fit = self.found.fit
-        for source, ratio in fit.ratios.items():
-            count = fit.tally.count.get(source, 0.0)
-            if source not in fit.stated or count <= 1:
-                continue
-            size = ratio * fit.state.factors.get(source, 1.0) ** 2
-            if size > 2 and chi2_tail(size * count, count) < self.settings.by_chance:
-                name, quantity = source
-                what = quantity.removesuffix(" at rest").replace("_", " ")
-                yield f"{what} of {name}", float(np.sqrt(size))
-
-    @property
-    def _stretch(self) -> str:
-        """That lengths of cables that stretch need tensions, where none were read."""
-        stiffness = self.experiment.robot.cable.axial_stiffness
-        if not stiffness or self.found.body is not None:
-            return ""
-        return ", and add tensions: how far cables stretch is not known without"
+        return reasons_against(self.found, self.settings)
 
     @property
     def wrong(self) -> list[WrongRow | WrongWeight]:
         """Rows of poses and of dead weights that were left out."""
         weighed = self.found.parameters.weighed
         return [*self.found.wrong, *(() if weighed is None else weighed.wrong)]
-
-    def _off(self) -> Array:
-        """Moves of the points over their 1-sigma beforehand, shape (6 m,); exact ones do not move."""
-        parameters = self.found.parameters
-        use = parameters.of_geometry
-        moved = (self.found.calibration.values - parameters.mean)[use]
-        before = parameters.deviation[use]
-        return np.where(before > 0, moved / np.where(before > 0, before, 1.0), 0.0)
 
     @property
     def body(self) -> tuple[Array, Array] | None:

@@ -34,6 +34,9 @@ class CalibrationSettings:
     most_wrong: float = 0.15
     """Part of the rows of a channel that may be left out as wrong: with more it is the
     description."""
+    device: float = 100.0
+    """Noise that nobody has stated, over the usual one, that no device has: places to a decimetre,
+    orientations to six degrees."""
     renewed: float = 0.1
     """Move of a point from which on cables in motion are fitted again about where it is found [m]:
     it turns the ends of a sagging cable by less than their forces tell."""

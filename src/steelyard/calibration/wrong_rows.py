@@ -46,9 +46,22 @@ def are_many(
         segments: With the poses.
         settings: What is many.
     """
-    poses = sum(len(segment.coefficients) for segment in segments)
     counts = Counter((each.instrument, each.channel) for each in wrong)
-    return max(counts.values()) > max(2, settings.most_wrong * poses)
+    return any(
+        count > max(2, settings.most_wrong * _rows_of(name, segments))
+        for (name, _), count in counts.items()
+    )
+
+
+def _rows_of(name: str, segments: Sequence[Segment]) -> int:
+    """Rows that an instrument has read: it may have seen few of the poses."""
+    return sum(
+        max(
+            (len(reading.time) for reading in segment.readings if reading.source[0] == name),
+            default=0,
+        )
+        for segment in segments
+    )
 
 
 def without_wrong(
