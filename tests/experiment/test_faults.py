@@ -7,7 +7,8 @@ from recordings import RUN, save, table, write_small
 from scipy.spatial.transform import Rotation
 
 from steelyard.errors import InputError
-from steelyard.experiment.faults.of_streams import clipped, faults_of, held, timing, without_doubles
+from steelyard.experiment.faults.held import held, without_held
+from steelyard.experiment.faults.of_streams import clipped, faults_of, timing, without_doubles
 from steelyard.experiment.faults.stuck import (
     StuckSettings,
     repeats,
@@ -17,7 +18,7 @@ from steelyard.experiment.faults.stuck import (
 )
 from steelyard.experiment.model import Stream
 from steelyard.experiment.read import read_experiment
-from steelyard.instruments import Position
+from steelyard.instruments import Command, Imu, Position, Tension
 
 RATE = 100.0
 TIME = np.arange(0, 10, 1 / RATE)
@@ -200,9 +201,79 @@ class TestRange:
         assert not clipped(there_and_back(2.0)).any()
         assert not clipped(0.05 * np.round(SMOOTH[:, 0] / 0.05)).any()
 
+
+CELLS = {"cells": Tension(kind="tension"), "imu": Imu(kind="imu")}
+
+
+class TestHeld:
+    """Sensors that are logged more often than they read."""
+
     def test_a_slow_sensor_that_is_written_often_is_seen(self, rng):
         assert held(np.repeat(noisy(rng)[:250, :1], 4, axis=0)) == pytest.approx(4.0)
-        assert held(noisy(rng)[:, :1]) == 1.0
+        assert held(noisy(rng)[:, :1]) is None
+
+    def test_every_reading_stays_once_at_its_first_time(self, rng):
+        read = noisy(rng)
+        stream = Stream(TIME, {"tension": np.repeat(read[:250], 4, axis=0)}, "log")
+        kept, (fault,) = without_held({"cells": stream}, CELLS)
+        np.testing.assert_array_equal(kept["cells"].values["tension"], read[:250])
+        np.testing.assert_array_equal(kept["cells"].time, TIME[::4])
+        assert (fault.kind, fault.channel, fault.count) == ("held", "", 750)
+        assert not [f for f in faults_of("cells", kept["cells"]) if f.kind == "held"]
+
+    def test_rates_that_do_not_divide_each_other(self, rng):
+        read = noisy(rng)
+        of = np.floor(TIME * 42.0).astype(int)
+        stream = Stream(TIME, {"tension": read[of]}, "log")
+        kept, _ = without_held({"cells": stream}, CELLS)
+        np.testing.assert_array_equal(kept["cells"].values["tension"], read[np.unique(of)])
+
+    def test_a_quantity_beside_faster_ones_is_missing_between(self, rng):
+        turned = Rotation.from_rotvec(noisy(rng)).as_matrix()
+        slow = np.repeat(turned[:200], 5, axis=0)
+        values = {"angular_velocity": noisy(rng), "orientation": slow}
+        kept, (fault,) = without_held({"imu": Stream(TIME, values, "log")}, CELLS)
+        assert (fault.channel, fault.count) == ("orientation", 800)
+        there = np.isfinite(kept["imu"].values["orientation"]).all(axis=(1, 2))
+        assert np.array_equal(np.flatnonzero(there), np.arange(0, 1000, 5))
+        assert kept["imu"].values["angular_velocity"] is values[
+            "angular_velocity"
+        ] or np.array_equal(kept["imu"].values["angular_velocity"], values["angular_velocity"])
+
+    def test_equal_readings_one_after_the_other_are_two(self, rng):
+        read = noisy(rng)[:250]
+        read[100] = read[99]
+        stream = Stream(TIME, {"tension": np.repeat(read, 4, axis=0)}, "log")
+        kept, _ = without_held({"cells": stream}, CELLS)
+        np.testing.assert_array_equal(kept["cells"].values["tension"], read)
+
+    def test_coarse_encoders_rest_and_commands_are_none(self, rng):
+        coarse = 0.02 * np.round(SMOOTH[:, :1] / 0.02)
+        assert held(coarse) is None
+        rest = there_and_back(2.0)[:, None] + np.zeros((1, 3))
+        assert held(rest) is None
+        flicker = 1e-4 * np.round(rng.normal(0, 0.2, (1000, 4)))
+        assert held(flicker) is None
+        setpoints = Stream(TIME, {"position": np.repeat(noisy(rng)[:250], 4, axis=0)}, "log")
+        command = {"setpoints": Command(kind="command")}
+        kept, faults = without_held({"setpoints": setpoints}, command)
+        assert kept["setpoints"] is setpoints
+        assert not faults
+
+    def test_identify_says_what_it_has_left_out(self, tmp_path, run):
+        path = write_small(tmp_path)
+        log = tmp_path / RUN / "cables.csv"
+        header, *rows = table(log)
+        for i, row in enumerate(rows):
+            row[1:] = rows[i - i % 4][1:]
+        save(log, [header, *rows])
+        experiment = read_experiment(path)
+        (own,) = experiment.runs
+        assert len(own.streams["cables"]) == -(-len(rows) // 4)
+        _, out, _ = run("identify", path, "--method", "two-step")
+        assert "cables is logged more often than it reads" in " ".join(out.split())
+        _, out, _ = run("inspect", path)
+        assert "readings written again before the next one" in " ".join(out.split())
 
 
 def test_all_faults_of_a_stream_have_a_place(rng):

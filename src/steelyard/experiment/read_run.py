@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from steelyard.experiment.faults.held import without_held
 from steelyard.experiment.faults.of_streams import without_doubles
 from steelyard.experiment.faults.spikes import without_spikes
 from steelyard.experiment.faults.stuck import without_stuck
@@ -78,10 +79,11 @@ def read_run(
     if not form.static:
         timed = {k: v for k, v in streams.items() if not whole.instruments[k].tabular}
         timed, doubled = without_doubles(timed)
+        timed, held = without_held(timed, whole.instruments)
         timed, alone = without_spikes(timed, whole.instruments)
         timed, stuck = without_stuck(timed, whole.instruments)
         streams |= timed
-        excluded = doubled + alone + stuck
+        excluded = doubled + held + alone + stuck
     return Run(
         name=form.name,
         streams=streams,

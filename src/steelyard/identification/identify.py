@@ -391,6 +391,13 @@ def _left_out(experiment: Experiment) -> Iterator[str]:
                     " its clock: left out"
                 )
                 continue
+            if fault.kind == "held":
+                what = f", {fault.channel}," if fault.channel else ""
+                yield (
+                    f"run '{run.name}': {fault.instrument}{what} is logged more often than it reads:"
+                    f" {fault.count} samples that repeat the reading before them are left out"
+                )
+                continue
             if fault.kind == "spike":
                 when = f"at {fault.start:.3f} s"
                 if fault.count > 1:

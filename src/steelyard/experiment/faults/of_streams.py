@@ -1,5 +1,6 @@
 """What is wrong with a stream itself: gaps, dropped, late, repeated and doubled samples, channels at the end
-of their range. Nothing here knows what the numbers mean; channels that stop are in ``stuck``.
+of their range. Nothing here knows what the numbers mean; channels that stop are in ``stuck``, readings
+that are written several times in ``held``.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array, stretches
 from steelyard.errors import InputError
+from steelyard.experiment.faults.held import held
 from steelyard.experiment.model import Fault, Stream
 
 SLOW = 0.2
@@ -38,11 +40,6 @@ class FaultSettings:
     doubled: float = 0.9
     """Share of the samples at the time of another one that say the same, from which on these are
     one sample written twice."""
-    held: float = 1.5
-    """Samples in a row that a reading stands on average, from which on a sensor is one that is
-    written more often than it reads."""
-    fewest_changes: int = 20
-    """Changes of a reading that show how often a sensor reads."""
 
 
 FAULTS = FaultSettings()
@@ -222,23 +219,6 @@ def _is_end_of_range(
     return not (np.sum(others <= 1.5 * near) > count / 3 and near > 0.5 * typical)
 
 
-def held(values: Array, settings: FaultSettings = FAULTS) -> float:
-    """How many samples in a row a reading stands on average, where a slow sensor is written more
-    often than it reads; 1 where it is not.
-
-    Args:
-        values: Of one channel, shape (n, k).
-        settings: Levels of the decision.
-    """
-    changes = np.any(np.diff(values, axis=0) != 0, axis=1)
-    if int(changes.sum()) < settings.fewest_changes:
-        return 1.0
-    lengths = np.diff(np.flatnonzero(changes))
-    usual = float(np.mean(lengths[lengths <= np.percentile(lengths, 95)]))
-    # A platform at rest repeats itself for long; a held reading about as long every time.
-    return usual if float(np.percentile(lengths, 25)) >= 2 else 1.0
-
-
 def faults_of(name: str, stream: Stream, settings: FaultSettings = FAULTS) -> Iterator[Fault]:
     """Everything that is wrong with a stream in motion, but for channels that are stuck: these are
     taken out when it is read.
@@ -269,6 +249,6 @@ def faults_of(name: str, stream: Stream, settings: FaultSettings = FAULTS) -> It
         if component is not None and (mask := clipped(values[:, 0], settings)).any():
             at = time[mask]
             yield Fault("clipped", name, label, float(at[0]), float(at[-1]), int(mask.sum()))
-        if (often := held(values, settings)) >= settings.held:
+        if (often := held(values)) is not None:
             count = round(len(time) * (1 - 1 / often))
             yield Fault("held", name, label, begin, end, count)
