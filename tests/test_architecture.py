@@ -50,9 +50,10 @@ INNER = {
         {"samples"},
         {"solve"},
         {"recursive"},
+        {"residuals"},
         {"verdict"},
         {"methods"},
-        {"settings", "force_clock", "identify", "residuals", "side_by_side", "synchronisation"},
+        {"settings", "force_clock", "identify", "side_by_side", "synchronisation"},
     ],
     "inspection": [
         {"agreements", "remarks", "streams"},

@@ -83,16 +83,36 @@ def residuals(
     if np.isfinite(parameters).all():
         state = replace(state, parameters=parameters)
     for run in experiment.runs:
-        own = [
-            (segment, forces)
-            for segment, forces in zip(state.segments, posterior.force_samples, strict=True)
-            if segment.run == run.name
-        ]
+        own = _parts_of(posterior, run)
         if not own:
             continue
         if not all(forces.guessed.all() for _, forces in own):
             yield from _forces(experiment, run, own, state)
         yield from _motion(experiment, run, own, state)
+
+
+def of_motion(posterior: Posterior) -> Iterator[Residuals]:
+    """Readings of the motion instruments beside what a fit says of them, run by run.
+
+    Args:
+        posterior: The fit.
+    """
+    experiment, state = posterior.experiment, posterior.fit.state
+    for run in experiment.runs:
+        own = _parts_of(posterior, run)
+        if own:
+            yield from _motion(experiment, run, own, state)
+
+
+def _parts_of(posterior: Posterior, run: Run) -> list[tuple[Segment, Forces]]:
+    """Segments of a run with their forces."""
+    return [
+        (segment, forces)
+        for segment, forces in zip(
+            posterior.fit.state.segments, posterior.force_samples, strict=True
+        )
+        if segment.run == run.name
+    ]
 
 
 def of_samples(

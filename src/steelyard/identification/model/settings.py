@@ -127,6 +127,9 @@ class MotionSettings:
     """Samples between two knots, at least: a motion that its instruments do not resolve cannot be
     told from their readings, and the forces, which would tell it instead, could then say nothing
     about the body."""
+    shaken: float = 3.0
+    """Scatter of rates and accelerations about a spline of their own, over their stated noise, from
+    which on a drive or the frame shakes the sensor: a fit begins with that scatter."""
     finer: float = 2**0.5
     """By how much the knots are closer than the readings of the motion ask for: what these do not
     see, forces may."""

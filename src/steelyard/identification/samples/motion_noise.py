@@ -60,6 +60,19 @@ def least_noise(values: Array, settings: MotionSettings = MOTION) -> float:
     )
 
 
+def rapid_scatter(values: Array) -> float:
+    """1-sigma of white noise that changes from sample to sample as much as the readings do, robustly;
+    what changes slowly does not count.
+
+    Args:
+        values: Shape (n, k), n at least 4.
+    """
+    third = np.abs(np.diff(values, 3, axis=0))
+    # Of white noise a third difference has a variance of 1 + 9 + 9 + 1, and a median of .6745 of it.
+    largest = float(np.nanmax(np.nanmedian(third, axis=0)))
+    return largest / (0.6745 * float(np.sqrt(20.0)))
+
+
 def stands_still(values: Array) -> bool:
     """Whether a quantity does nothing but flicker by its last digit, as the encoders of locked winches
     do: it tells nothing of its noise.

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.balance import Forces
@@ -25,8 +26,14 @@ from steelyard.identification.samples.force_samples import (
     with_unresolved,
 )
 from steelyard.identification.samples.knot_spacing import chosen_spacing, closest_spacing
-from steelyard.identification.samples.motion_noise import least_noise, scatter, stands_still
+from steelyard.identification.samples.motion_noise import (
+    least_noise,
+    rapid_scatter,
+    scatter,
+    stands_still,
+)
 from steelyard.identification.samples.motion_streams import (
+    MotionStream,
     motion_streams,
     steps_of,
     stretches_of,
@@ -52,6 +59,9 @@ class Recorded:
     fine already."""
     closest: float = np.inf
     """Spacing of the knots that they resolve at all [s]; infinite of poses at rest."""
+    louder: dict[tuple[str, str], float] = field(default_factory=dict)
+    """Quantity -> by how much it scatters more than stated about a motion of its own, where a drive
+    or the frame shakes the sensor."""
 
 
 def recorded(
@@ -154,6 +164,7 @@ def _moving(
     pose = poses_of(samples)
     least = least_forces(experiment, run)
     segments, force_samples = [], []
+    louder: dict[tuple[str, str], float] = {}
     for start, end in stretches:
         first, last = start - settings.margin, end + settings.margin
         grid = knots(first, last, spacing)
@@ -190,6 +201,10 @@ def _moving(
                 if still
                 else scatter(stream.common[use], stream.values[use], start, end, width, settings)
             )
+            if stream.sigma and stream.order and not still:
+                shaken = _shaken(stream, use, sigma or np.inf, (start, end, width), settings)
+                if shaken > 1:
+                    louder[stream.source] = max(louder.get(stream.source, 1.0), shaken)
             least[stream.source] = min(least.get(stream.source, np.inf), least_seen)
             tension = None
             if stream.needs_tension and samples.tension is not None:
@@ -231,7 +246,32 @@ def _moving(
         tuple(notes),
         finest,
         closest_spacing(experiment, streams, settings),
+        louder,
     )
+
+
+def _shaken(
+    stream: MotionStream,
+    use: NDArray[np.bool_],
+    sigma: float,
+    grid: tuple[float, float, float],
+    settings: MotionSettings,
+) -> float:
+    """By how much readings of a rate or an acceleration scatter more than their noise about a spline
+    of their own; 1 where it is not much.
+
+    Args:
+        stream: Of a run.
+        use: Its readings, shape (n,).
+        sigma: Their 1-sigma.
+        grid: Start, end and spacing of the spline [s].
+        settings: What is much.
+    """
+    values = stream.values[use]
+    if len(values) < 4 or rapid_scatter(values) < settings.shaken * sigma:
+        return 1.0
+    found = scatter(stream.common[use], values, *grid, settings)
+    return 1.0 if found is None or found < settings.shaken * sigma else found / sigma
 
 
 def _smooth(

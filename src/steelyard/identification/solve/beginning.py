@@ -88,6 +88,15 @@ class Readings:
         )
 
     @property
+    def louder(self) -> dict[Source, float]:
+        """Quantity -> by how much it scatters more than stated, to begin with."""
+        found: dict[Source, float] = {}
+        for each in self.records:
+            for source, factor in each.louder.items():
+                found[source] = max(found.get(source, 1.0), factor)
+        return found
+
+    @property
     def notes(self) -> list[str]:
         """What a reader should know of them."""
         return [note for each in self.records for note in each.notes]
@@ -198,7 +207,7 @@ def begin(
     if not segments:
         raise NoBalanceError("; ".join(readings.notes))
     task = motion_task(readings)
-    state = FitState(segments, readings.calibration, None)
+    state = FitState(segments, readings.calibration, None, readings.louder)
     begun = _motion(task, state, tell, beginning=not thorough)
     return with_body(readings, begun, held_out)
 

@@ -25,6 +25,7 @@ from steelyard.identification.verdict.unmodelled import (
     of_disturbances,
     scatter_beside,
 )
+from steelyard.identification.verdict.vibrations import vibrations
 from steelyard.identification.verdict.winches import turned_winches
 from steelyard.inertia import TEN, body_jacobian
 
@@ -93,6 +94,7 @@ def _of_motion(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]
                 else ""
             )
         )
+    shaken = vibrations(posterior, settings)
     for (name, quantity), ratio in posterior.motion_ratios.items():
         own = [
             q
@@ -103,7 +105,7 @@ def _of_motion(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]
         ]
         stated = any(q.noise for q in own)
         what = f"{quantity.replace('_', ' ')} of {name}"
-        if stated and ratio**2 > settings.twice:
+        if stated and ratio**2 > settings.twice and (name, quantity) not in shaken:
             yield (
                 f"{what} departs from the motion that all instruments show by {ratio:.1f} times its"
                 " stated noise; check its axes, signs, units, 'sync' and 'noise'"

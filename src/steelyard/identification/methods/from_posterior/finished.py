@@ -29,6 +29,7 @@ from steelyard.identification.verdict.information_shares import (
 )
 from steelyard.identification.verdict.known_values import known_values
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
+from steelyard.identification.verdict.vibrations import vibrations
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 
 _ENLARGED_BECAUSE = {
@@ -124,6 +125,7 @@ def finished(
             *_notes(found),
             *notes_on_unstated(disturbed, errors),
             *notes_on_jitter(found),
+            *map(str, vibrations(found).values()),
             *_of_weights(found),
             *notes,
             *_left_out(found),

@@ -1,0 +1,73 @@
+"""Accelerometers that a drive shakes: their vibration is no error of the description, and what
+follows the motion is none of a drive.
+"""
+
+import numpy as np
+import pytest
+from scipy.signal import periodogram
+from simulated import sound, with_stream
+
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.samples.motion_noise import rapid_scatter
+from steelyard.identification.verdict.vibrations import _power
+
+
+def shaken(experiment, frequency, size, quantity="specific_force"):
+    """The experiment with a line in the readings of its IMU, on each axis with a phase of its own."""
+    (run,) = experiment.runs
+    phase = 2 * np.pi * frequency * run.streams["imu"].time[:, None] + [0.3, 1.9, 4.0]
+    return with_stream(
+        experiment, "imu", lambda values: {quantity: values[quantity] + size * np.sin(phase)}
+    )
+
+
+@pytest.mark.integration
+def test_a_vibration_above_the_motion_is_noise():
+    plain, found = (MaximumLikelihood()(each) for each in (sound(1), shaken(sound(1), 10.3, 0.8)))
+    assert found.verdict.accepted, found.verdict.reasons
+    (note,) = [each for each in found.notes if "is shaken" in each]
+    assert "specific force of imu is shaken, most at 10.3 Hz" in note
+    assert "0.57 m/s^2" in note
+    off = found.value - plain.value
+    assert np.all(np.abs(off) < 3 * found.standard_deviation)
+    assert np.all(found.standard_deviation < 3 * plain.standard_deviation)
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda e: shaken(e, 0.4, 0.8),
+        lambda e: with_stream(e, "imu", lambda v: {"specific_force": 1.2 * v["specific_force"]}),
+        lambda e: with_stream(
+            e, "imu", lambda v: {"specific_force": v["specific_force"][:, [1, 0, 2]]}
+        ),
+    ],
+    ids=["at the frequencies of the motion", "scale", "axes"],
+)
+def test_what_follows_the_motion_is_none(wrong):
+    found = MaximumLikelihood()(wrong(sound(1)))
+    assert not found.verdict.accepted
+    assert not [each for each in found.notes if "is shaken" in each]
+
+
+def test_power_is_that_of_a_periodogram():
+    rng = np.random.default_rng(0)
+    values = rng.normal([1.0, 0.0, 9.8], 2.0, (400, 3))
+    # Of one side, per Hz of a rate of 1: twice that of both sides.
+    _, each = periodogram(
+        values, window=np.hanning(400), detrend="constant", axis=0, scaling="density"
+    )
+    np.testing.assert_allclose(_power(values)[1:-1], each.sum(axis=1)[1:-1] / 2, rtol=1e-9)
+    assert _power(values).mean() == pytest.approx(3 * 2.0**2, rel=0.2)
+
+
+def test_rapid_scatter_is_that_of_the_noise_and_not_of_the_motion():
+    rng = np.random.default_rng(0)
+    time = np.arange(0, 20, 0.01)
+    motion = np.column_stack([np.sin(2 * np.pi * f * time) for f in (0.2, 0.7, 1.1)])
+    assert rapid_scatter(motion) < 1e-3
+    noisy = motion + rng.normal(0, [0.01, 0.03, 0.02], motion.shape)
+    assert rapid_scatter(noisy) == pytest.approx(0.03, rel=0.1)
+    noisy[::50] += 5.0
+    assert rapid_scatter(noisy) == pytest.approx(0.03, rel=0.2)
