@@ -91,12 +91,32 @@ KINDS = {
     "winch-lengths-imu": Kind(instruments=("imu", "orientation", "length"), cells="winch"),
     "no-attitude": Kind(instruments=("imu", "tracker"), robots=(*_ALL[:4], "five")),
     "tracker-and-lengths": Kind(instruments=("tracker", "length")),
+    # All that one robot has, each at the size of a well-kept one.
+    "typical": Kind(
+        friction=0.01, presliding=0.003, viscous=0.008, force_filter=0.01, drift=0.005,
+        crosstalk=0.002, attitude_filter=2.0, heading_walk=0.002, imu_scale=0.003,
+        gyro_walk=0.0003, jitter=0.002, hose=0.002, air=0.5, cells="winch", robots=_ALL,
+    ),
+    "typical-lengths": Kind(
+        friction=0.01, presliding=0.003, viscous=0.008, force_filter=0.01, drift=0.005,
+        crosstalk=0.002, imu_scale=0.003, gyro_walk=0.0003, air=0.5, cells="winch",
+        instruments=("imu", "length"), robots=_ALL,
+    ),
+    "typical-at-platform": Kind(
+        force_filter=0.02, drift=0.01, coloured=0.05, crosstalk=0.005, attitude_filter=1.0,
+        imu_scale=0.005, gyro_walk=0.001, jumps=0.01, jitter=0.004, hose=0.004, air=1.0,
+        robots=_ALL,
+    ),
+    "typical-capture": Kind(
+        friction=0.01, presliding=0.003, force_filter=0.01, drift=0.01, crosstalk=0.003,
+        cells="winch", instruments=("pose", "length"), robots=_ALL,
+    ),
     "all-together-swinging": Kind(
         friction=0.012, presliding=0.003, viscous=0.015, attitude_filter=1.0, cells="winch",
         instruments=("attitude", "pose", "length"), pushed=True, gains=10.0, robots=_FEW,
     ),
 }  # fmt: skip
-"""Of a name; the given recordings have the same."""
+"""Of a name; the given recordings have the same, but for those with several imperfections."""
 
 _SIZES = frozenset(
     each.name for each in fields(Kind) if each.type == "float" and each.name != "gains"
