@@ -240,6 +240,14 @@ class TestHeld:
             "angular_velocity"
         ] or np.array_equal(kept["imu"].values["angular_velocity"], values["angular_velocity"])
 
+    def test_a_whole_sensor_is_named_once(self, rng):
+        values = {
+            quantity: np.repeat(noisy(rng)[:250], 4, axis=0)
+            for quantity in ("angular_velocity", "specific_force")
+        }
+        kept, (fault,) = without_held({"imu": Stream(TIME, values, "log")}, CELLS)
+        assert (fault.channel, fault.count, len(kept["imu"])) == ("", 750, 250)
+
     def test_equal_readings_one_after_the_other_are_two(self, rng):
         read = noisy(rng)[:250]
         read[100] = read[99]

@@ -392,9 +392,9 @@ def _left_out(experiment: Experiment) -> Iterator[str]:
                 )
                 continue
             if fault.kind == "held":
-                what = f", {fault.channel}," if fault.channel else ""
+                what = f"{fault.channel.replace('_', ' ')} of " if fault.channel else ""
                 yield (
-                    f"run '{run.name}': {fault.instrument}{what} is logged more often than it reads:"
+                    f"run '{run.name}': {what}{fault.instrument} is logged more often than it reads:"
                     f" {fault.count} samples that repeat the reading before them are left out"
                 )
                 continue

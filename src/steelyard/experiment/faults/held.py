@@ -87,12 +87,15 @@ def without_held(
             for quantity, values in stream.values.items()
             if (mask := _again(values.reshape(len(values), -1), settings)).any()
         }
-        for quantity, mask in again.items():
+        if not again:
+            continue
+        kept[name] = _without(stream, again)
+        masks = list(again.values())
+        alike = all(np.array_equal(each, masks[0]) for each in masks)
+        whole = alike and len(again) == len(stream.values)
+        for label, mask in {"": masks[0]}.items() if whole else again.items():
             begin, end = stream.time[mask][[0, -1]].tolist()
-            label = quantity if len(stream.values) > 1 else ""
             faults.append(Fault("held", name, label, begin, end, int(mask.sum())))
-        if again:
-            kept[name] = _without(stream, again)
     return kept, tuple(faults)
 
 
