@@ -271,7 +271,9 @@ def _shaken(
     if len(values) < 4 or rapid_scatter(values) < settings.shaken * sigma:
         return 1.0
     found = scatter(stream.common[use], values, *grid, settings)
-    return 1.0 if found is None or found < settings.shaken * sigma else found / sigma
+    if found is None or not settings.shaken <= found / sigma <= settings.most_shaken:
+        return 1.0
+    return found / sigma
 
 
 def _smooth(
