@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from imperfect import Row, row_of
+from imperfect import Row, row_of, summed_up
 from rough.recording import recorded
 from rough.shared import Array
 
@@ -180,10 +180,9 @@ def main(arguments: list[str]) -> None:
                 truth = Inertia.from_body_parameters(body)
                 rows.append(row_of(f"{robot}, {name}", name, robot, path, truth))
                 print(rows[-1], flush=True)
-    accepted = [row for row in rows if row.verdict == "accepted"]
-    chi = [row.chi for row in accepted]
-    print(f"\n{len(accepted)} of {len(rows)} accepted, chi-square per parameter", end=" ")
-    print(f"{np.mean(chi):.2f} in the mean, {np.max(chi):.2f} at most" if chi else "of none")
+    print()
+    for line in summed_up(rows, lambda row: row.robot):
+        print(line)
 
 
 if __name__ == "__main__":

@@ -92,6 +92,20 @@ class Stream:
     def __len__(self) -> int:
         return len(self.time)
 
+    def at_rows(self, rows: NDArray[np.bool_]) -> Stream:
+        """With some of its samples alone.
+
+        Args:
+            rows: Which, shape (n,).
+        """
+        return replace(
+            self,
+            time=self.time[rows],
+            values={key: each[rows] for key, each in self.values.items()},
+            angles={key: each[rows] for key, each in self.angles.items()},
+            off={key: each[rows] for key, each in self.off.items()},
+        )
+
     def __repr__(self) -> str:
         quantities = f", {', '.join(self.values)}" if self.values else ""
         return f"Stream: {self._extent()}{quantities}, from {printable(self.source)}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -21,6 +21,7 @@ from steelyard.estimates.estimate import (
     no_estimate,
     per_mass_rows,
 )
+from steelyard.experiment.faults.words import left_out_in_words
 from steelyard.experiment.given import GivenExperiment, experiment_of
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.unread import is_unread
@@ -301,7 +302,7 @@ def identify(
         by_name,
         predictions,
         found.offsets,
-        tuple(_left_out(used)),
+        tuple(left_out_in_words(run.name, fault) for run in used.runs for fault in run.excluded),
         used,
         posterior,
     )
@@ -378,42 +379,6 @@ def _alone(method: Method, experiment: Experiment, progress: Progress) -> Estima
     """Of one of several loads; where its runs lack what the method needs, the others have it."""
     lack = method.lack(experiment)
     return no_estimate(method.name, lack) if lack else method(experiment, progress)
-
-
-def _left_out(experiment: Experiment) -> Iterator[str]:
-    """What was taken out of the recordings when they were read, in words."""
-    for run in experiment.runs:
-        for fault in run.excluded:
-            if fault.kind == "doubled":
-                yield (
-                    f"run '{run.name}': {fault.count} samples of {fault.instrument} say once more"
-                    f" what the one before them said, from {fault.start:.3f} to {fault.end:.3f} s on"
-                    " its clock: left out"
-                )
-                continue
-            if fault.kind == "held":
-                what = f"{fault.channel.replace('_', ' ')} of " if fault.channel else ""
-                yield (
-                    f"run '{run.name}': {what}{fault.instrument} is logged more often than it reads:"
-                    f" {fault.count} samples that repeat the reading before them are left out"
-                )
-                continue
-            if fault.kind == "spike":
-                when = f"at {fault.start:.3f} s"
-                if fault.count > 1:
-                    when = f"from {fault.start:.3f} to {fault.end:.3f} s"
-                yield (
-                    f"run '{run.name}': {fault.count} readings of {fault.instrument}, {fault.channel},"
-                    f" stand alone, far from those before and after them, {when} on its clock: left"
-                    " out; look for a damaged file or a loose contact"
-                )
-                continue
-            channel = f" of {fault.channel}" if fault.channel else ""
-            yield (
-                f"run '{run.name}': {fault.instrument}{channel} repeats its reading from"
-                f" {fault.start:.3f} to {fault.end:.3f} s on its clock while others move"
-                f" ({fault.count} samples): left out"
-            )
 
 
 def default_methods(experiment: Experiment) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ once more.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -91,17 +91,17 @@ def residuals(
         yield from _motion(experiment, run, own, state)
 
 
-def of_motion(posterior: Posterior) -> Iterator[Residuals]:
-    """Readings of the motion instruments beside what a fit says of them, run by run.
+def of_motion(posterior: Posterior, sources: Container[Source]) -> Iterator[Residuals]:
+    """Readings of motion instruments beside what a fit says of them, run by run.
 
     Args:
         posterior: The fit.
+        sources: Which of them.
     """
     experiment, state = posterior.experiment, posterior.fit.state
     for run in experiment.runs:
         own = _parts_of(posterior, run)
-        if own:
-            yield from _motion(experiment, run, own, state)
+        yield from _motion(experiment, run, own, state, sources)
 
 
 def _parts_of(posterior: Posterior, run: Run) -> list[tuple[Segment, Forces]]:
@@ -221,8 +221,11 @@ def _motion(
     run: Run,
     segments: list[tuple[Segment, Forces]],
     state: FitState,
+    sources: Container[Source] | None = None,
 ) -> Iterator[Residuals]:
-    """Readings of the motion instruments, each quantity over all segments of the run."""
+    """Readings of the motion instruments, each quantity over all segments of the run; of all sources
+    where none are named.
+    """
     calibration, levels = state.calibration, state.factors
     nowhere = np.full(len(calibration.calibration_parameters), -1)
     found: dict[Source, list[tuple[Segment, Reading, Carried | None]]] = {}
@@ -231,6 +234,8 @@ def _motion(
             experiment, segment, forces, calibration, nowhere, state.parameters, levels
         )
         for reading in segment.readings:
+            if sources is not None and reading.source not in sources:
+                continue
             pulling = None
             if carried is not None and reading.follows:
                 name = reading.source[0]

@@ -13,14 +13,10 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array, binned_means, stretches
 from steelyard.experiment.faults.of_streams import Timing, faults_of, timing
 from steelyard.experiment.model import Experiment, Fault, Run, Stream
+from steelyard.identification.samples.motion_noise import by_differences
 from steelyard.inspection.settings import STREAMS, StreamSettings
 from steelyard.instruments import Instrument, Quantity
 from steelyard.spectra import density
-
-_THIRD = float(np.sqrt(20.0))
-"""1-sigma of third differences of white noise of 1-sigma one."""
-_NORMAL = 0.6745
-"""Median of the size of a standard normal number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +167,7 @@ def white_noise(stream: Stream, quantity: str, settings: StreamSettings = STREAM
     next_one = np.mean(third[1:] * third[:-1], axis=0) / power
     if abs(float(np.median(next_one)) + 0.75) > settings.white:
         return None
-    return float(np.sqrt(np.mean(_sigma(third) ** 2)))
+    return float(np.sqrt(np.mean(by_differences(third) ** 2)))
 
 
 def _scatter(
@@ -184,12 +180,7 @@ def _scatter(
     third = third[np.isfinite(third).all(axis=1)]
     if len(third) < settings.fewest:
         return None
-    return scale * float(np.sqrt(np.mean(_sigma(third) ** 2)))
-
-
-def _sigma(third: Array) -> Array:
-    """1-sigma of samples by their third differences, shape (n, k): one of each column."""
-    return np.asarray(np.median(np.abs(third), axis=0) / _NORMAL / _THIRD)
+    return scale * float(np.sqrt(np.mean(by_differences(third) ** 2)))
 
 
 def _spectrum(time: Array, flat: Array, settings: StreamSettings) -> tuple[Array, Array]:
@@ -248,7 +239,7 @@ def _still(time: Array, flat: Array, edges: Array, settings: StreamSettings) -> 
     if not len(third):
         return still
     mean, count = binned_means(bins[use], flat[use], len(edges))
-    by_noise = settings.still * _sigma(third) * np.sqrt(2 / np.maximum(count[1:, None], 1))
+    by_noise = settings.still * by_differences(third) * np.sqrt(2 / np.maximum(count[1:, None], 1))
     by_motion = settings.still_share * mean.std(axis=0)
     step = np.abs(np.diff(mean, axis=0))
     moving = (step > by_noise + by_motion + 1e-9 * np.abs(mean).max(axis=0)).any(axis=1)

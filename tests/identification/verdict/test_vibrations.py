@@ -4,12 +4,10 @@ follows the motion is none of a drive.
 
 import numpy as np
 import pytest
-from scipy.signal import periodogram
 from simulated import sound, with_stream
 
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.samples.motion_noise import rapid_scatter
-from steelyard.identification.verdict.vibrations import _power
 
 
 def shaken(experiment, frequency, size, quantity="specific_force"):
@@ -49,17 +47,6 @@ def test_what_follows_the_motion_is_none(wrong):
     found = MaximumLikelihood()(wrong(sound(1)))
     assert not found.verdict.accepted
     assert not [each for each in found.notes if "is shaken" in each]
-
-
-def test_power_is_that_of_a_periodogram():
-    rng = np.random.default_rng(0)
-    values = rng.normal([1.0, 0.0, 9.8], 2.0, (400, 3))
-    # Of one side, per Hz of a rate of 1: twice that of both sides.
-    _, each = periodogram(
-        values, window=np.hanning(400), detrend="constant", axis=0, scaling="density"
-    )
-    np.testing.assert_allclose(_power(values)[1:-1], each.sum(axis=1)[1:-1] / 2, rtol=1e-9)
-    assert _power(values).mean() == pytest.approx(3 * 2.0**2, rel=0.2)
 
 
 def test_rapid_scatter_is_that_of_the_noise_and_not_of_the_motion():

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.synchronisation import synchronise
 
 FEWEST = 5
@@ -59,17 +59,7 @@ def _blocks(experiment: Experiment, run: Run, block: float) -> Iterator[Run]:
     bounds = np.linspace(start, end, max(1, round((end - start) / block)) + 1)
     for low, high in pairwise(bounds):
         streams = {
-            name: _between(stream, (times[name] >= low) & (times[name] < high))
+            name: stream.at_rows((times[name] >= low) & (times[name] < high))
             for name, stream in run.streams.items()
         }
         yield replace(run, streams=streams, window=None)
-
-
-def _between(stream: Stream, kept: np.ndarray) -> Stream:
-    """Some of the samples of a stream."""
-    return replace(
-        stream,
-        time=stream.time[kept],
-        values={name: values[kept] for name, values in stream.values.items()},
-        angles={name: values[kept] for name, values in stream.angles.items()},
-    )

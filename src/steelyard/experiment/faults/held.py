@@ -49,10 +49,10 @@ def held(values: Array, settings: HeldSettings = HELD) -> float | None:
         values: Of one channel or quantity, shape (n, k).
         settings: Levels of the decision.
     """
-    changes = np.flatnonzero(_changes(values))
-    if len(changes) < settings.fewest:
+    starts = np.flatnonzero(changes(values))
+    if len(starts) < settings.fewest:
         return None
-    lengths = np.diff(changes)
+    lengths = np.diff(starts)
     usual = float(np.mean(lengths[lengths <= np.percentile(lengths, settings.usual)]))
     least, most = np.percentile(lengths, settings.alike)
     alike = most - least <= max(1.0, settings.apart * float(np.median(lengths)))
@@ -99,8 +99,12 @@ def without_held(
     return kept, tuple(faults)
 
 
-def _changes(values: Array) -> NDArray[np.bool_]:
-    """Whether a sample says something else than the one before it, shape (n,), shape of values (n, k)."""
+def changes(values: Array) -> NDArray[np.bool_]:
+    """Whether a sample says something else than the one before it, shape (n,).
+
+    Args:
+        values: Of one channel or quantity, shape (n, k); NaN where there is none.
+    """
     changed = np.ones(len(values), dtype=bool)
     before, after = values[:-1], values[1:]
     both = np.isnan(before) & np.isnan(after)
@@ -110,17 +114,15 @@ def _changes(values: Array) -> NDArray[np.bool_]:
 
 def _again(values: Array, settings: HeldSettings) -> NDArray[np.bool_]:
     """Samples that say once more what a sensor has read, shape (n,), shape of values (n, k)."""
-    again = np.zeros(len(values), dtype=bool)
     if held(values, settings) is None:
-        return again
-    starts = np.flatnonzero(_changes(values))
+        return np.zeros(len(values), dtype=bool)
+    starts = np.flatnonzero(changes(values))
     lengths = np.diff(np.append(starts, len(values)))
     median = int(np.median(lengths))
     place = np.arange(len(values)) - np.repeat(starts, lengths)
     stands_long = np.repeat(lengths >= settings.long * median, lengths)
     # What stands for long was read more than once, as often as usual.
-    again[:] = np.where(stands_long, place % median != 0, place != 0)
-    return again
+    return np.asarray(np.where(stands_long, place % median != 0, place != 0), dtype=bool)
 
 
 def _without(stream: Stream, again: Mapping[str, NDArray[np.bool_]]) -> Stream:
@@ -132,10 +134,4 @@ def _without(stream: Stream, again: Mapping[str, NDArray[np.bool_]]) -> Stream:
     nothing = [~np.isfinite(v.reshape(len(v), -1)).any(axis=1) for v in values.values()]
     masks = [again.get(quantity, nothing[i]) for i, quantity in enumerate(values)]
     use = ~np.logical_and.reduce(masks)
-    return replace(
-        stream,
-        time=stream.time[use],
-        values={key: each[use] for key, each in values.items()},
-        angles={key: each[use] for key, each in stream.angles.items()},
-        off={key: each[use] for key, each in stream.off.items()},
-    )
+    return replace(stream, values=values).at_rows(use)

@@ -6,14 +6,14 @@ that are written several times in ``held``.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array, stretches
 from steelyard.errors import InputError
-from steelyard.experiment.faults.held import held
+from steelyard.experiment.faults.held import changes, held
 from steelyard.experiment.model import Fault, Stream
 
 SLOW = 0.2
@@ -125,18 +125,10 @@ def without_doubles(
             continue
         same = at_once.copy()
         for values in stream.values.values():
-            rows = values.reshape(len(values), -1)
-            equal = (rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))
-            same &= equal.all(axis=1)
+            same &= ~changes(values.reshape(len(values), -1))[1:]
         if same.sum() >= settings.doubled * at_once.sum():
             use = np.concatenate([[True], ~same])
-            kept[name] = replace(
-                stream,
-                time=stream.time[use],
-                values={key: values[use] for key, values in stream.values.items()},
-                angles={key: values[use] for key, values in stream.angles.items()},
-                off={key: values[use] for key, values in stream.off.items()},
-            )
+            kept[name] = stream.at_rows(use)
             begin, end = stream.time[1:][same][[0, -1]].tolist()
             faults.append(Fault("doubled", name, "", begin, end, int(same.sum())))
             at_once &= ~same

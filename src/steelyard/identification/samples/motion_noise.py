@@ -9,6 +9,10 @@ from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.samples.motion_streams import unbroken
 from steelyard.smoothing import Samples1D, fit
 
+_THIRD = float(np.sqrt(20.0))
+"""1-sigma of third differences of white noise of 1-sigma one."""
+_NORMAL = 0.6745
+"""Median of the size of a standard normal number."""
 _FLICKER = 3
 """Values that an encoder at rest may read: its count and those beside it."""
 
@@ -67,10 +71,16 @@ def rapid_scatter(values: Array) -> float:
     Args:
         values: Shape (n, k), n at least 4.
     """
-    third = np.abs(np.diff(values, 3, axis=0))
-    # Of white noise a third difference has a variance of 1 + 9 + 9 + 1, and a median of .6745 of it.
-    largest = float(np.nanmax(np.nanmedian(third, axis=0)))
-    return largest / (0.6745 * float(np.sqrt(20.0)))
+    return float(np.nanmax(by_differences(np.diff(values, 3, axis=0))))
+
+
+def by_differences(third: Array) -> Array:
+    """1-sigma of white noise by third differences of its samples, robustly: of each column, shape (k,).
+
+    Args:
+        third: Shape (n, k); NaN where there is none.
+    """
+    return np.asarray(np.nanmedian(np.abs(third), axis=0) / _NORMAL / _THIRD)
 
 
 def stands_still(values: Array) -> bool:

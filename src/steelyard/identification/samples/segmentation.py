@@ -201,8 +201,8 @@ def _moving(
                 if still
                 else scatter(stream.common[use], stream.values[use], start, end, width, settings)
             )
-            if stream.sigma and stream.order and not still:
-                shaken = _shaken(stream, use, sigma or np.inf, (start, end, width), settings)
+            if stream.sigma and sigma is not None and stream.order and not still:
+                shaken = _shaken(stream, use, sigma, (start, end, width), settings)
                 if shaken > 1:
                     louder[stream.source] = max(louder.get(stream.source, 1.0), shaken)
             least[stream.source] = min(least.get(stream.source, np.inf), least_seen)

@@ -4,7 +4,7 @@ noise, runs against each other, and what the other modules of this room say.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from steelyard.arrays import Array
 from steelyard.estimates.quantiles import chi2_below, chi2_tail
 from steelyard.experiment.faults.of_streams import channels, clipped
 from steelyard.experiment.model import Experiment
+from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.motion_noise import stands_still
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.diagnosis import diagnose
@@ -34,6 +35,7 @@ def reasons(
     posterior: Posterior,
     tests: Sequence[Finding] | None = None,
     settings: VerdictSettings = VERDICT,
+    shaken: Container[Source] | None = None,
 ) -> list[str]:
     """Why not to rely on an estimate, in words and numbers; none for a sound recording.
 
@@ -41,9 +43,11 @@ def reasons(
         posterior: What the estimate stands on.
         tests: Its :func:`directed_tests`, where they have been made already.
         settings: Levels.
+        shaken: Of its :func:`vibrations`, where they have been looked for already.
     """
     tests = directed_tests(posterior, settings) if tests is None else tests
-    contradictions = [*_of_motion(posterior, settings), *_of_forces(posterior, settings)]
+    shaken = vibrations(posterior, settings) if shaken is None else shaken
+    contradictions = [*_of_motion(posterior, shaken, settings), *_of_forces(posterior, settings)]
     moving = resonance(posterior, settings)
     weighed = posterior.calibration.calibration_parameters.weighed
     return [
@@ -68,7 +72,9 @@ def reasons(
     ]
 
 
-def _of_motion(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
+def _of_motion(
+    posterior: Posterior, shaken: Container[Source], settings: VerdictSettings
+) -> Iterator[str]:
     """Motion instruments against each other and their stated noise."""
     for name in posterior.left_out:
         yield (
@@ -94,7 +100,6 @@ def _of_motion(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]
                 else ""
             )
         )
-    shaken = vibrations(posterior, settings)
     for (name, quantity), ratio in posterior.motion_ratios.items():
         own = [
             q

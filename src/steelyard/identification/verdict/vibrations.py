@@ -7,17 +7,17 @@ as stated, and a fit that takes all of it as noise is only more careful than it 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
 from steelyard.identification.residuals import Residuals, of_motion
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.instruments.equations import order_of
+from steelyard.spectra import density
 
 _MOST = 0.99
 """Part of what the motion makes of the readings, as a variance, below whose frequency it moves."""
@@ -65,12 +65,11 @@ def vibrations(
     if not suspected or not posterior.motion_converged:
         return {}
     found: dict[Source, list[_Share]] = {source: [] for source in suspected}
-    for each in of_motion(posterior):
-        source = each.instrument, each.quantity
-        if source in found and not each.static:
-            found[source] += _shares(posterior, each)
+    for each in of_motion(posterior, suspected):
+        if not each.static:
+            found[each.instrument, each.quantity] += _shares(posterior, each)
     return {
-        source: _vibration(posterior, source, own)
+        source: _vibration(source, own)
         for source, own in found.items()
         if own
         and np.average([each.slow for each in own], weights=[each.length for each in own])
@@ -117,33 +116,26 @@ def _shares(posterior: Posterior, of: Residuals) -> Iterator[_Share]:
     noise = instrument.quantity(of.quantity, posterior.experiment.robot.m).noise
     assert noise  # it is stated
     step = float(np.median(np.diff(time)))
-    frequency = np.fft.rfftfreq(len(time), step)
-    density = _power(residual) / (residual.shape[1] * noise**2)
-    moved = np.cumsum(_power(of.predicted[there]))
+    frequency, power = density(residual - residual.mean(axis=0), step, len(time))
+    # White noise has twice its variance per half the rate of the samples.
+    over_noise = power.mean(axis=1) / (2 * noise**2 * step)
+    predicted = of.predicted[there]
+    moved = np.cumsum(density(predicted - predicted.mean(axis=0), step, len(time))[1].sum(axis=1))
     slow = frequency <= _ABOVE * frequency[np.searchsorted(moved, _MOST * moved[-1])]
     if slow.all():
         return
-    largest = int(np.argmax(np.where(slow, -np.inf, density)))
+    largest = int(np.argmax(np.where(slow, -np.inf, over_noise)))
     yield _Share(
         len(time),
-        float(density[slow].mean()),
+        float(over_noise[slow].mean()),
         float(frequency[largest]),
-        float(density[largest]),
+        float(over_noise[largest]),
         float(np.sqrt((residual**2).mean(axis=0).max())),
         of.unit,
     )
 
 
-def _power(values: Array) -> Array:
-    """Of values about their means at the frequencies of a discrete transform, summed over the axes:
-    of white noise its variance times the axes, shape (n // 2 + 1,).
-    """
-    window = np.hanning(len(values))[:, None]
-    spectrum = np.fft.rfft(window * (values - values.mean(axis=0)), axis=0)
-    return np.asarray((np.abs(spectrum) ** 2).sum(axis=1) / np.sum(window**2))
-
-
-def _vibration(posterior: Posterior, source: Source, shares: list[_Share]) -> Vibration:
+def _vibration(source: Source, shares: Sequence[_Share]) -> Vibration:
     """All runs in one."""
     worst = max(shares, key=lambda each: each.density)
     size = max(each.size for each in shares)

@@ -72,10 +72,10 @@ def finished(
     known = found.identifiable & found.fit.converged
     value = np.where(known, value, np.nan)
     covariance = np.where(np.outer(known, known), covariance, np.nan)
-    tests = directed_tests(found, settings)
+    tests, shaken = directed_tests(found, settings), vibrations(found, settings)
     verdict = judge(
         value,
-        reasons=[*further, *reasons(found, tests, settings)],
+        reasons=[*further, *reasons(found, tests, settings, shaken)],
         by_prior=[bool(p) for p in label_mask(found)],
     )
     disturbed, errors = disturbances(found), found_errors(found)
@@ -125,7 +125,7 @@ def finished(
             *_notes(found),
             *notes_on_unstated(disturbed, errors),
             *notes_on_jitter(found),
-            *map(str, vibrations(found).values()),
+            *map(str, shaken.values()),
             *_of_weights(found),
             *notes,
             *_left_out(found),
