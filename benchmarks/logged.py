@@ -174,7 +174,9 @@ def main(arguments: list[str]) -> None:
         for robot in chosen.robots:
             sound = Path(place) / robot
             _, body = recorded(robot, "sound", chosen.seed, sound, 20.0)
-            for i, name in enumerate(chosen.names or CHANGES):
+            for i, name in enumerate(CHANGES):
+                if chosen.names and name not in chosen.names:
+                    continue
                 rng = np.random.default_rng([chosen.seed, i, *robot.encode()])
                 path = spoiled(sound, Path(place) / f"{robot}-{i}", name, rng)
                 truth = Inertia.from_body_parameters(body)
