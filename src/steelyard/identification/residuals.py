@@ -104,6 +104,19 @@ def of_motion(posterior: Posterior, sources: Container[Source]) -> Iterator[Resi
         yield from _motion(experiment, run, own, state, sources)
 
 
+def of_forces(posterior: Posterior) -> Iterator[Residuals]:
+    """The wrench on the platform and the readings of the force instruments beside what a fit says of
+    them, run by run.
+
+    Args:
+        posterior: The fit.
+    """
+    for run in posterior.experiment.runs:
+        own = _parts_of(posterior, run)
+        if own and not all(forces.guessed.all() for _, forces in own):
+            yield from _forces(posterior.experiment, run, own, posterior.fit.state)
+
+
 def _parts_of(posterior: Posterior, run: Run) -> list[tuple[Segment, Forces]]:
     """Segments of a run with their forces."""
     return [

@@ -139,7 +139,8 @@ class Case:
         else:
             coefficients, self.time = (
                 somewhere(len(GRID) - DEGREE - 1, rng),
-                np.sort(rng.uniform(0.5, 2.7, n)),
+                # So far apart that internal tensions are not smoothed.
+                np.sort(np.linspace(0.5, 2.7, n) + rng.uniform(-0.08, 0.08, n)),
             )
         attitude = Reading(
             ("attitude", "orientation"), self.time, np.tile(np.eye(3), (n, 1, 1)), 1.0
@@ -375,7 +376,9 @@ SAGGING = 0.02  # relative: how sag changes with pose and geometry is of no acco
 
 @pytest.fixture(scope="module")
 def heavy():
-    found = Case("platform end", replace(read_robot("cogiro"), pulley_radius=np.zeros(8)), n=4)
+    found = Case(
+        "platform end", replace(read_robot("cogiro"), pulley_radius=np.zeros(8)), n=4, seed=4
+    )
     return found, found.rows(), found.balance().whitener
 
 

@@ -1,5 +1,5 @@
-"""Accelerometers that a drive shakes: their vibration is no error of the description, and what
-follows the motion is none of a drive.
+"""Accelerometers that a drive shakes and forces that hum: what is faster than the motion is no error
+of the description, and what follows the motion is none of a drive or of the mains.
 """
 
 import numpy as np
@@ -47,6 +47,36 @@ def test_what_follows_the_motion_is_none(wrong):
     found = MaximumLikelihood()(wrong(sound(1)))
     assert not found.verdict.accepted
     assert not [each for each in found.notes if "is shaken" in each]
+
+
+def humming(experiment, frequency, size):
+    """The experiment with a line in the readings of its cables, on each with a phase of its own [N]."""
+    (run,) = experiment.runs
+    phase = 2 * np.pi * frequency * run.streams["cables"].time[:, None] + 2.4 * np.arange(8) ** 2
+    return with_stream(
+        experiment, "cables", lambda values: {"tension": values["tension"] + size * np.sin(phase)}
+    )
+
+
+@pytest.mark.integration
+def test_forces_that_hum_are_noisy_and_no_sensor_reads_another():
+    """A common hum is akin in all cables: what one reads of another would explain it."""
+    plain, found = (MaximumLikelihood()(each) for each in (sound(1), humming(sound(1), 31.3, 25.0)))
+    assert found.verdict.accepted, found.verdict.reasons
+    assert not found.details["found_errors"]
+    (note,) = [each for each in found.notes if "hums" in each]
+    # Cables are read with 25 Hz.
+    assert "tension of cables hums, most at 6.3" in note
+    assert "sampled as that" in note
+    off = found.value - plain.value
+    assert np.all(np.abs(off) < 3 * found.standard_deviation)
+    assert np.all(found.standard_deviation < 5 * plain.standard_deviation)
+
+
+@pytest.mark.integration
+def test_forces_that_depart_at_the_frequencies_of_the_motion_do_not_hum():
+    found = MaximumLikelihood()(humming(sound(1), 0.4, 25.0))
+    assert not [each for each in found.notes if "hums" in each]
 
 
 def test_rapid_scatter_is_that_of_the_noise_and_not_of_the_motion():

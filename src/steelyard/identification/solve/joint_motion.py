@@ -124,7 +124,11 @@ def fit_readings(readings: Readings, begun: Beginning, tell: Tell) -> Fitted:
         task, own = with_suspicions(*with_jitter_found(found.task, found.fit))
         if turn and task is found.task:
             break
-        before, found = found, replace(found, task=task, fit=with_disturbances(task, own))
+        explained = replace(found, task=task, fit=own)
+        if task is not found.task:
+            explained = _cut_anew(readings, begun, explained, tell)
+        task, own = explained.task, explained.fit
+        before, found = found, replace(explained, fit=with_disturbances(task, own))
         if found.fit is before.fit:
             # Nothing is asked for, and would not be a second time.
             break
@@ -439,6 +443,23 @@ def _cut(
             spikes[segment.run] = spikes.get(segment.run, 0) + len(each.spikes)
         force_samples = tuple(each.force_samples for each in looked)
     return fitted
+
+
+def _cut_anew(readings: Readings, begun: Beginning, found: Fitted, tell: Tell) -> Fitted:
+    """Fitted with the readings that stood out before errors of the devices explained what is left,
+    and without those that stand out even then; the very same where none was left out.
+    """
+    pairs = [
+        (own, first)
+        for own, first in zip(found.task.force_samples, readings.force_samples, strict=True)
+        if own is not None
+    ]
+    if all(np.array_equal(own.left_out, first.left_out) for own, first in pairs):
+        return found
+    given_back = tuple(own.leaving_out(first.left_out) for own, first in pairs)
+    task = replace(found.task, force_samples=given_back)
+    again = _cut(readings, begun, task, found.fit.state, tell, {})
+    return _seen_with_tensions(again, 0.0) if again.fit.converged else found
 
 
 def _again(readings: Readings, before: Fitted, vibrations: Mapping[str, _FinerKnots]) -> Beginning:

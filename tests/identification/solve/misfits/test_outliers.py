@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
-from simulated import BODY, CENTER, EXACT, REACH, ROBOT
+from simulated import BODY, CENTER, EXACT, REACH, ROBOT, sound, with_stream
 
 from steelyard.arrays import joined_stretches
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.identification.model.balance import Forces, balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
 from steelyard.identification.model.motion_segment import Reading, Segment
+from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.misfits.outliers import look
 from steelyard.instruments import Attitude, Tension, Wrench
 from steelyard.motion.trajectory import multisine
@@ -341,3 +342,24 @@ def test_stretches_with_short_pauses_are_one(mask, expected):
     time = np.array([0.0, 0.1, 0.2, 0.35, 0.4, 0.5])
     found = joined_stretches(time, np.array([c == "1" for c in mask]), 0.25)
     assert found == expected
+
+
+@pytest.mark.integration
+def test_what_a_filter_explains_touches_nothing():
+    """Before a filter is found, forces depart so much where they change quickly that it seems to be a
+    hand."""
+    kept = 0.5
+
+    def filtered(values):
+        read = values["tension"].copy()
+        for i in range(1, len(read)):
+            read[i] = kept * read[i - 1] + (1 - kept) * read[i]
+        return {"tension": read}
+
+    (run,) = sound(1).runs
+    late = kept / (1 - kept) * np.median(np.diff(run.streams["cables"].time))
+    found = fit_jointly(with_stream(sound(1), "cables", filtered))
+    constant = found.calibration.calibration_parameters.place("cables", "time_constant", "run")
+    assert found.calibration.values[constant] == pytest.approx(late, rel=0.1)
+    assert not any(found.contacts.values())
+    assert not any(forces.left_out.any() for forces in found.force_samples)

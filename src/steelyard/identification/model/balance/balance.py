@@ -27,6 +27,7 @@ from steelyard.identification.model.balance.force_readings import (
 )
 from steelyard.identification.model.balance.moving_body import MovingAt, moving_at
 from steelyard.identification.model.balance.noise import BalanceNoise, UnmodelledWrench
+from steelyard.identification.model.balance.slopes import smoothed
 from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
 )
@@ -121,6 +122,8 @@ class Balance:
     """What processes add to the readings, shape (n, r)."""
     unread: NDArray[np.bool_] | None = None
     """Readings of cables without a sensor, shape (r,); None: there are none."""
+    static: bool = False
+    """Whether each sample is a pose at rest."""
 
     @property
     def by_wrench(self) -> Array:
@@ -203,6 +206,24 @@ class Balance:
         shown = self.measured.unmodelled.reading
         other = np.einsum("nkr,nri,ni->nk", self._by_reading, shown, self.unexplained)
         return np.asarray(self.carried - other)
+
+    def calmed(self, values: Array) -> Array:
+        """Tensions or a wrench without what changes from sample to sample in the tensions that make no
+        wrench, shape as of the values.
+
+        The body and its motion say all of the others. These are as noisy as the readings, and where
+        the noise of a reading is akin to that of another (mains, a common supply, a drive that shakes
+        the frame), it meets itself in the derivative by gains and crosstalk.
+
+        Args:
+            values: :attr:`carried` or :attr:`asked`.
+        """
+        structure = self.structure
+        if structure is None or structure.shape[2] <= DIRECTIONS or self.static:
+            return values
+        inverse = self.measured.unmodelled.reading
+        balancing = np.einsum("nmk,nk->nm", inverse, self.measured.as_wrench(values))
+        return np.asarray(balancing + smoothed(self.time, values - balancing))
 
     @property
     def uncarried(self) -> Array:
@@ -296,6 +317,7 @@ def balance_at(
         disturbance,
         coloured,
         force_samples.unread,
+        segment.static,
     )
 
 

@@ -29,6 +29,8 @@ _AT_ONCE = 4096
 _LEFT_OUT = 1e2
 """1-sigma of a reading that is left out, in units of the largest reading: the balance goes on
 without it."""
+_GAP = 2.0
+"""Time over which samples follow each other, in units of the usual one, across which none are averaged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +97,33 @@ class Forces:
             left_out=self.left_out[own],
             late=None if self.late is None else self.late[own],
             changes=None if self.changes is None else self.changes[:, own],
+        )
+
+    def means(self, many: int) -> Forces:
+        """Means of so many samples each, without what is faster; without a reading of one there is none
+        of all, and none across a gap.
+
+        Args:
+            many: At least one; fewer samples than that at the end are left.
+        """
+        n = len(self.time) // many * many
+        if many == 1 or not n:
+            return self
+
+        def mean(values: Array) -> Array:
+            return np.asarray(values[:n].reshape(n // many, many, -1).mean(axis=1))
+
+        time = self.time[:n].reshape(-1, many)
+        usual = float(np.median(np.diff(self.time)))
+        apart = np.ptp(time, axis=1) > _GAP * (many - 1) * usual
+        left_out = self.left_out[:n].reshape(n // many, many, -1).any(axis=1) | apart[:, None]
+        return replace(
+            self,
+            time=time.mean(axis=1),
+            readings={quantity: mean(values) for quantity, values in self.readings.items()},
+            left_out=left_out,
+            late=None if self.late is None else mean(self.late),
+            changes=None if self.changes is None else np.stack([mean(c) for c in self.changes]),
         )
 
     def with_changes(self) -> Forces:

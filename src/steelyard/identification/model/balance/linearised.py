@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -82,6 +83,11 @@ class BalancePoint:
         """Values of its systematic errors."""
         return self.calibration.of(self.force_samples.name, self.instrument, self.segment.run)
 
+    @cached_property
+    def asked(self) -> Array:
+        """Tensions or wrench that the body asks for, shape (n, k)."""
+        return self.at.calmed(self.at.asked)
+
     def by_body(self, parameters: Array) -> Array:
         """Derivative of the balance by the ten parameters, shape (n, 6, 10).
 
@@ -149,7 +155,7 @@ class BalancePoint:
     def by_terms(self) -> ByParameters:
         """Derivatives of the balance by the systematic errors of the readings."""
         at = self.at
-        changes = self.terms_of_readings(at.asked)
+        changes = self.terms_of_readings(self.asked)
         if at.structure is None or at.structure.shape[2] >= DIRECTIONS:
             for place, change in changes:
                 yield place, at.measured.changes_of_wrench(change)
@@ -157,7 +163,7 @@ class BalancePoint:
         # What no cable carries is told in units of the readings too: it shrinks with the body where gains
         # grow, which else the likelihood would rise for.
         unit = np.diagonal(at.measured.by_reading, axis1=1, axis2=2)
-        further = self.terms_of_readings(at.asked + unit)
+        further = self.terms_of_readings(self.asked + unit)
         for (place, change), (_, more) in zip(changes, further, strict=True):
             by_scale = np.mean(more - change, axis=1)
             shrinks = np.einsum("ni,nc->nic", at.uncarried, by_scale)
@@ -212,7 +218,7 @@ class BalancePoint:
         gains = [places[key] for key in GAINS if key in places]
         if not gains:
             return
-        more = self.terms_of_readings(self.at.asked + 1.0)
+        more = self.terms_of_readings(self.asked + 1.0)
         for (place, change), (_, changed) in zip(terms, more, strict=True):
             if place in gains:
                 yield place, changed - change
@@ -300,7 +306,9 @@ def point_of(
     """The balance linearised about where everything stands."""
     moving = moving_at(experiment, segment, force_samples, calibration, parameters)
     at = balance_at(moving, experiment, segment, force_samples, calibration, factors)
-    cables = {} if at.structure is None else {"tension": at.carried, **calibration.geometry}
+    cables = (
+        {} if at.structure is None else {"tension": at.calmed(at.carried), **calibration.geometry}
+    )
     return BalancePoint(
         experiment,
         segment,

@@ -120,15 +120,48 @@ def _name_of(each: CalibrationParameter) -> Key:
 
 
 def _chance_of(task: Task, found: Fit, keys: Sequence[Key]) -> float:
-    """Probability that these are as far from none by chance."""
+    """Probability that these are as far from none by chance; one of many numbers may be alone."""
     parameters = task.calibration_parameters
     own = np.concatenate([np.r_[parameters.places[key]] for key in keys])
     off = (found.state.calibration.values - parameters.mean)[own]
     columns = task.column_of(found.state)[own]
     covariance = found.covariance[np.ix_(columns, columns)]
     sigma = np.sqrt(np.diag(covariance))
-    scaled = np.linalg.solve(covariance / np.outer(sigma, sigma), off / sigma)
-    return float(chi2_tail(float(off / sigma @ scaled), len(own)))
+    correlation, whole = covariance / np.outer(sigma, sigma), off / sigma
+    by_prior = parameters.precision[np.ix_(own, own)] * np.outer(sigma, sigma)
+    far = float(whole @ np.linalg.solve(correlation, whole))
+    if keys[0][0] == ROBOT:
+        # A load that swings looks like a hose: what is hardly told of one speaks against it.
+        return float(chi2_tail(far, len(own)))
+    shares = np.clip(1 - np.diag(by_prior), _LEAST_SHARE, 1.0)
+    single = min(_tail(z**2, shares[[i]]) for i, z in enumerate(whole))
+    return min(_tail(far, _shares(correlation, by_prior)), len(own) * single)
+
+
+def _shares(known: Array, by_prior: Array) -> Array:
+    """Part that the readings have in what is known of each direction, shape (k,).
+
+    Args:
+        known: Covariance, shape (k, k).
+        by_prior: Precision of the prior in the same units, shape (k, k).
+    """
+    root = np.linalg.cholesky(known + _LEAST_SHARE * np.diag(np.diag(known)))
+    return np.asarray(np.clip(1 - np.linalg.eigvalsh(root.T @ by_prior @ root), _LEAST_SHARE, 1.0))
+
+
+def _tail(far: float, share: Array) -> float:
+    """Probability that noise puts numbers so far from their priors.
+
+    It does so by a sum of squares of standard normal numbers, each with the part that the readings
+    have in what is then known in one direction: a chi-square of as many degrees of freedom and as
+    large as has its mean and variance [Satterthwaite1946]_.
+
+    Args:
+        far: Square of the distance, in what is known of them.
+        share: See :func:`_shares`.
+    """
+    size = float(np.sum(share**2) / np.sum(share))
+    return float(chi2_tail(max(far, 0.0) / size, float(np.sum(share) / size)))
 
 
 def _taken_back(
@@ -291,19 +324,11 @@ class _Gains:
     def chance(self, places: NDArray[np.intp]) -> tuple[float, Array]:
         """Probability that noise lets the cost fall so far where these have wide priors, and how
         they move.
-
-        Noise lets it fall by a sum of squares of standard normal numbers, each with the part that
-        the readings have in what is then known in one direction: a chi-square of as many degrees of
-        freedom and as large as has its mean and variance [Satterthwaite1946]_.
         """
         own = self.column_of[places]
         fall, moved, known = self._fall(np.union1d(self.base, own), own)
-        prior = 1 / self.wide[places]
-        by_prior = known * np.outer(prior * self.scale[own], prior * self.scale[own])
-        share = np.clip(1 - np.linalg.eigvalsh(by_prior), _LEAST_SHARE, 1.0)
-        size = float(np.sum(share**2) / np.sum(share))
-        freedom = float(np.sum(share) / size)
-        return float(chi2_tail(max(fall - self._usual, 0.0) / size, freedom)), moved
+        unit = self.scale[own] / self.wide[places]
+        return _tail(fall - self._usual, _shares(known, np.diag(unit**2))), moved
 
     @cached_property
     def _usual(self) -> float:
