@@ -319,10 +319,17 @@ def order_of(instrument: Instrument, quantity: str, robot: Robot) -> int:
 
 @lru_cache(maxsize=128)
 def difference_of(
-    instrument: Instrument, quantity: str, robot: Robot
+    instrument: Instrument, quantity: str, robot: Robot, asked: frozenset[str] | None = None
 ) -> tuple[Batched, dict[str, tuple[int, int]]]:
     """Expressions behind :func:`linearised`: residual and those derivatives that are not zero, and
     the shapes of those that are.
+
+    Args:
+        instrument: A kind that looks at the motion.
+        quantity: One of its quantities.
+        robot: Its cables.
+        asked: Terms of the instrument and ``gravity``, ``anchors``, ``attachments`` by which there
+            are derivatives, all others count as zero; None: all.
     """
     pose, rate, acceleration = (ca.SX.sym(name, 7) for name in ("pose", "rate", "acceleration"))
     gravity = ca.SX.sym("gravity", 3)
@@ -340,16 +347,21 @@ def difference_of(
     residual = (
         rotations.log(predicted.T @ measured) if predicted.shape == (3, 3) else measured - predicted
     )
+    own = [each for key, each in terms.items() if asked is None or key in asked]
+    beside = {
+        f"by_{key}": each
+        for key, each in {"gravity": gravity, **fixed}.items()
+        if asked is None or key in asked
+    }
     derivatives = jacobians(
         residual,
         {
             "by_pose": pose,
             "by_rate": rate,
             "by_acceleration": acceleration,
-            "by_errors": errors,
-            "by_gravity": gravity,
+            "by_errors": ca.vertcat(*own) if own or asked is not None else errors,
             "by_tension": tension,
-            **{f"by_{key}": each for key, each in fixed.items()},
+            **beside,
         },
     )
     inputs = {
@@ -372,9 +384,11 @@ def difference_of(
     )
 
 
-def without_effect(instrument: Instrument, quantity: str, robot: Robot) -> Collection[str]:
+def without_effect(
+    instrument: Instrument, quantity: str, robot: Robot, asked: frozenset[str] | None = None
+) -> Collection[str]:
     """Names of the derivatives of :func:`linearised` that are zero whatever the motion."""
-    return difference_of(instrument, quantity, robot)[1].keys()
+    return difference_of(instrument, quantity, robot, asked)[1].keys()
 
 
 def linearised(
@@ -387,6 +401,7 @@ def linearised(
     gravity: Array,
     tension: Array | None = None,
     geometry: Mapping[str, Array] | None = None,
+    asked: frozenset[str] | None = None,
 ) -> dict[str, Array]:
     """Measurement equation of one quantity about a motion: what is measured beyond what is
     predicted, and its derivatives.
@@ -406,15 +421,16 @@ def linearised(
             too.
         geometry: ``anchors`` in the world and ``attachments`` in the platform frame [m], three
             numbers a cable; None: those of the robot file.
+        asked: See :func:`difference_of`.
 
     Returns:
         ``residual``, shape (n, k), and its derivatives ``by_pose``, ``by_rate``,
-        ``by_acceleration``, shape (n, k, 7), ``by_errors``, shape (n, k, e), ``by_gravity``, shape
-        (n, k, 3), ``by_tension``, shape (n, k, m), ``by_anchors`` and ``by_attachments``, shape (n,
-        k, 3 m).
+        ``by_acceleration``, shape (n, k, 7), ``by_errors``, shape (n, k, e), of the terms that are
+        asked for, ``by_gravity``, shape (n, k, 3), ``by_tension``, shape (n, k, m), ``by_anchors``
+        and ``by_attachments``, shape (n, k, 3 m), where they are asked for.
     """
     pose, rate, acceleration = motion
-    batched, zero = difference_of(instrument, quantity, robot)
+    batched, zero = difference_of(instrument, quantity, robot, asked)
     if geometry is None:
         geometry = {key: getattr(robot, key).ravel() for key in _GEOMETRY}
     looked_at = {} if tension is None else {"tension": tension}
@@ -510,14 +526,16 @@ def sensitivity_of(
     robot: Robot,
     quantities: tuple[str, ...],
     remembered: bool = False,
+    asked: frozenset[str] | None = None,
 ) -> tuple[Batched, list[str]]:
     """Expressions behind :func:`sensitivity`, and which parts of state and ``term_…`` they take."""
     state = symbols(robot.m, remembered=remembered)
     predicted, terms = _predicted(instrument, robot, quantities, state)
     inverse = ca.inv(ca.jacobian(predicted, ca.vec(getattr(state, unknown))))
+    own = [each for key, each in terms.items() if asked is None or key in asked]
     outputs = {
         "by_reading": ca.densify(inverse),
-        "by_terms": ca.densify(-inverse @ ca.jacobian(predicted, ca.vertcat(*terms.values()))),
+        "by_terms": ca.densify(-inverse @ ca.jacobian(predicted, ca.vertcat(*own))),
     }
     if state.rolling is not None:
         outputs["by_rolling"] = ca.densify(-inverse @ ca.jacobian(predicted, state.rolling))
@@ -536,6 +554,7 @@ def sensitivity(
     quantities: tuple[str, ...],
     state: Mapping[str, Array],
     calibration: Mapping[str, Array],
+    asked: frozenset[str] | None = None,
 ) -> tuple[Array, Array, Array | None]:
     """How what :func:`solve_for` gives follows the readings and the systematic errors, by the
     implicit function theorem.
@@ -548,12 +567,15 @@ def sensitivity(
         state: Fields of the state over n samples, the unknown among them.
         calibration: Systematic errors, one array for each of :meth:`Instrument.terms`, e numbers in
             all.
+        asked: Those by which there are derivatives; None: all.
 
     Returns:
         Derivative by the readings, shape (n, k, k), by the systematic errors, shape (n, k, e), and by
         what the rollers remember, shape (n, k, m), where that is part of the state.
     """
-    batched, inputs = sensitivity_of(unknown, instrument, robot, quantities, "rolling" in state)
+    batched, inputs = sensitivity_of(
+        unknown, instrument, robot, quantities, "rolling" in state, asked
+    )
     errors = {
         name: calibration[name.removeprefix("term_")] for name in inputs if name.startswith("term_")
     }

@@ -42,6 +42,8 @@ def carried_tensions(
     column_of: NDArray[np.intp],
     parameters: Array | None,
     factors: Mapping[Source, float],
+    *,
+    narrow: bool = False,
 ) -> Carried | None:
     """Tensions by which cables stretch: those of the readings, corrected so that they carry the moving
     body, and how they follow all that is fitted; None: no reading follows them.
@@ -59,6 +61,7 @@ def carried_tensions(
         parameters: Of the body, whose ten columns are the first of the border, shape (10,); None:
             forces are not looked at.
         factors: Quantity -> by how much its noise exceeds what the readings say.
+        narrow: See :func:`.motion_residuals`.
     """
     if not any(each.follows for each in segment.readings):
         return None
@@ -71,7 +74,8 @@ def carried_tensions(
         around = 0.0 if segment.static else AROUND
         first, last = np.searchsorted(whole, [times.min() - around, times.max() + around])
         part = forces.part(slice(max(0, int(first) - 1), int(last) + 2))
-        point = point_of(experiment, segment, part, calibration, body, factors)
+        asked = column_of if narrow else None
+        point = point_of(experiment, segment, part, calibration, body, factors, asked)
         return _interpolated(_carried_of(point, column_of, body), point.at.time, times)
 
     return at_times
@@ -116,8 +120,8 @@ def _carried_of(
         border.put(place, change + following_balance(by_wrench))
     for place, derivative in point.by_robot():
         border.put(place, following_balance(derivative))
-    if not point.segment.static:
-        drag = point.calibration.calibration_parameters.places[ROBOT, DRAG, None]
+    drag = point.calibration.calibration_parameters.places[ROBOT, DRAG, None]
+    if not point.segment.static and point.asks(drag):
         border.put(drag, following_balance(point.derivatives["by_drag"][:, :, None]))
     by_border, columns = border.collected()
     noise = np.zeros((n, m, at.noise.parts.shape[2]))

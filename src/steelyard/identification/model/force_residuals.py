@@ -101,6 +101,8 @@ def whitened_balance(
     factors: Mapping[Source, float],
     tally: Tally | None,
     held: Array | None = None,
+    *,
+    narrow: bool = False,
 ) -> WhitenedBalance:
     """Balance of forces and motion with its derivatives, whitened; its first ten columns of the
     border are those of the body.
@@ -116,8 +118,10 @@ def whitened_balance(
         tally: Is added to; None: nothing is counted.
         held: Covariance of the motion's coefficients where it is held while forces are looked at,
             lower banded form, shape (42, N); None: it follows them.
+        narrow: See :func:`.motion_residuals`.
     """
-    point = point_of(experiment, segment, force_samples, calibration, parameters, factors)
+    asked = column_of if narrow else None
+    point = point_of(experiment, segment, force_samples, calibration, parameters, factors, asked)
     at, local = point.at, point.local
     by = point.by_motion()
     border = Border(column_of, len(at.time), DIRECTIONS)

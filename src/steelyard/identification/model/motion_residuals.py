@@ -41,6 +41,8 @@ from steelyard.instruments.equations import linearised, without_effect
 
 AT_ONCE = 16384
 """Samples whose rows are held at once."""
+_BESIDE = {"gravity": "gravity", "anchors": "anchor", "attachments": "attachment"}
+"""What readings follow beside the terms of their instrument -> key among the errors of the robot."""
 
 
 def motion_residuals(
@@ -51,6 +53,8 @@ def motion_residuals(
     factors: Mapping[Source, float],
     tally: Tally | None,
     carried: Carried | None = None,
+    *,
+    narrow: bool = False,
 ) -> Iterator[Rows]:
     """Whitened readings of a segment, then what holds the motion where no instrument does.
 
@@ -63,6 +67,8 @@ def motion_residuals(
         tally: Is added to; None: nothing is counted.
         carried: Tensions of the cables as all that is fitted has them, for readings that follow
             these; None: they are those of the readings, taken as known.
+        narrow: Whether expressions without the derivatives by what has no column are used: to build
+            these takes as long as they save in some ten seconds of recording.
     """
     calibration_parameters = calibration.calibration_parameters
     references = reference_clocks(experiment, calibration_parameters, segment)
@@ -81,6 +87,7 @@ def motion_residuals(
                 tally,
                 carried,
                 seen,
+                narrow,
             )
     held = holding_rows(segment)
     if tally is not None:
@@ -119,6 +126,16 @@ def time_of(
         # A filtered force says what was a while ago.
         delay = delay + calibration.values[filtered]
     return time - delay[0], clock, origin
+
+
+def has_column(column_of: NDArray[np.intp], place: slice) -> bool:
+    """Whether any of some systematic errors is in the border.
+
+    Args:
+        column_of: Column of each systematic error in the border; -1: not there; shape (u,).
+        place: Of these.
+    """
+    return max(column_of[place].tolist(), default=-1) >= 0
 
 
 class Border:
@@ -201,6 +218,7 @@ def looked_at(
     references: Mapping[str, str],
     carried: Carried | None = None,
     seen: Seen | None = None,
+    asked: frozenset[str] | None = None,
 ) -> tuple[Array, Basis, tuple[Array, Array, Array, Array], Mapping[str, Array]]:
     """Readings against the motion: their times within the segment [s], the spline there, the motion,
     and the linearised difference.
@@ -216,6 +234,7 @@ def looked_at(
         references: See :func:`reference_clocks`.
         carried: See :func:`motion_residuals`.
         seen: The motion where the readings before were looked at; is changed.
+        asked: By what there are derivatives, see :func:`.difference_of`; None: by all.
     """
     name, quantity = reading.source
     instrument = experiment.instruments[name]
@@ -237,6 +256,7 @@ def looked_at(
         calibration.gravity,
         tension,
         calibration.geometry,
+        asked,
     )
     return times, local, motion, linear
 
@@ -264,6 +284,7 @@ def _of_reading(
     tally: Tally | None,
     carried: Carried | None,
     seen: Seen,
+    narrow: bool,
 ) -> Rows:
     """Whitened rows of some samples of one quantity."""
     calibration_parameters = calibration.calibration_parameters
@@ -277,13 +298,23 @@ def _of_reading(
             sigma = np.hypot(sigma, reading.late[part])
         pulling = stretching(carried, calibration, name, segment.run, column_of)
         followed = CorrectedTensions(pulling, sigma)
+    places = calibration_parameters.places_of(name, instrument, segment.run)
+    every = calibration_parameters.places
+    beside = {
+        key: every[ROBOT, own, None] for key, own in _BESIDE.items() if (ROBOT, own, None) in every
+    }
+    asked = None
+    if narrow:
+        asked = frozenset(
+            key for key, place in {**places, **beside}.items() if has_column(column_of, place)
+        )
     times, local, motion, linear = looked_at(
-        experiment, segment, reading, part, calibration, references, followed, seen
+        experiment, segment, reading, part, calibration, references, followed, seen, asked
     )
     if followed is not None and followed.correct(linear):
         # Linearised about tensions that go with the lengths, as the forces are about theirs.
         *_, linear = looked_at(
-            experiment, segment, reading, part, calibration, references, followed, seen
+            experiment, segment, reading, part, calibration, references, followed, seen, asked
         )
         linear = followed.as_carried(linear)
     by = (linear["by_pose"], linear["by_rate"], linear["by_acceleration"])
@@ -312,11 +343,12 @@ def _of_reading(
     if reading.late is not None and followed is None:
         late = _lateness_whitener(np.where(there, reading.late[part] / sigma, 0.0))
         residual = np.einsum("nij,nj->ni", late, residual)
-    nothing = without_effect(instrument, reading.source[1], experiment.robot)
+    nothing = without_effect(instrument, reading.source[1], experiment.robot, asked)
     column = 0
     if "by_errors" not in nothing:
-        places = calibration_parameters.places_of(name, instrument, segment.run)
-        for place in places.values():
+        for key, place in places.items():
+            if asked is not None and key not in asked:
+                continue
             size = place.stop - place.start
             border.put(place, linear["by_errors"][:, :, column : column + size])
             column += size
@@ -331,13 +363,9 @@ def _of_reading(
         by_delay = by_delay[:, :, None]
         border.put(clock, by_delay)
         border.put(origin, -by_delay)
-    for key, derivative in (
-        ("gravity", "by_gravity"),
-        ("anchor", "by_anchors"),
-        ("attachment", "by_attachments"),
-    ):
-        if derivative not in nothing:
-            border.put(calibration_parameters.places[ROBOT, key, None], linear[derivative])
+    for key, place in beside.items():
+        if (asked is None or key in asked) and f"by_{key}" not in nothing:
+            border.put(place, linear[f"by_{key}"])
     by_errors, columns = border.collected()
     # A clock that has moved may carry samples out of the segment.
     inside = there if segment.static else there & segment.holds(times)[:, None]

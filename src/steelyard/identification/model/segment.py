@@ -168,6 +168,12 @@ class Rows:
     label: Label = None
     """What they are readings of."""
 
+    @property
+    def without_border(self) -> Rows:
+        """The same with the border held."""
+        none = self.by_errors[:, :, :0]
+        return replace(self, by_errors=none, columns=np.zeros(0, dtype=np.intp))
+
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.identification.banded import banded_trace
@@ -15,6 +16,7 @@ from steelyard.identification.recursive.window.past import (
     Linear,
     Point,
     eliminated,
+    narrowed,
     nothing_told,
     of_border,
     together,
@@ -67,11 +69,11 @@ def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
     then = replace(recursion.state, parameters=point[:TEN])
     segment = replace(first.segment, coefficients=window.motion[window.place(0)])
     balances, rows = whitened_rows(recursion.task, then, segment, first.forces, tally=tally)
-    here = recursion.with_chunk(segment, first.forces, rows, 0, point).window
+    here = recursion.with_chunk(segment, first.forces, rows, 0, then).window
     assert here is not None
-    own = here.chunks[0].whole.equations
-    # The verdict asks all columns, also those that nobody estimates.
-    every = here.equations(recursion.point, None)
+    # The verdict asks all columns, also those that nobody estimates, of what has passed.
+    own = here.chunks[0].of_all(rows).equations
+    every = here.equations(recursion.point, recursion.use)
     every = without_columns(every, len(window.steps)) if window.walk else every
     remains = _remains(recursion, window, own, point)
     whole = replace(segment, coefficients=window.motion)
@@ -80,6 +82,10 @@ def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
     one = np.zeros(window.grid.intervals, dtype=np.intp)
     size = segment.coefficients.size
     inverse = every.inverse[:, :size]
+    border, use = len(point), recursion.use
+    followed = np.zeros((size, border))
+    followed[:, use] = every.followed[:size]
+    brought = by_stretches(segment, [narrowed(each, use) for each in rows], every, one)[2]
     part = SegmentEquations(
         segment,
         first.forces,
@@ -87,9 +93,9 @@ def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
         np.concatenate([each.root**2 for each in balances]),
         BorderEquations(remains.normal, remains.right, noise, freedom),
         _compared(recursion, remains, segment.run),
-        by_stretches(segment, rows, every, one)[2],
+        {source: _among(each, use, border) for source, each in brought.items()},
         inverse,
-        every.followed[:size],
+        followed,
         tally,
         {label: banded_trace(each, inverse) for label, each in own.parts.items()},
     )
@@ -122,6 +128,19 @@ def _remains(recursion: Recursion, window: Window, own: NormalEquations, point: 
     remains = eliminated(together(parts, [0] * len(parts)), DEGREE)
     after = of_border(remains, point)
     return _Remains(remains, after.normal - before.normal, after.right - before.right)
+
+
+def _among(matrix: Array, use: NDArray[np.intp], border: int) -> Array:
+    """A matrix of the columns that are estimated among those of all.
+
+    Args:
+        matrix: Shape (e, e).
+        use: Which they are, shape (e,).
+        border: Columns k.
+    """
+    found = np.zeros((border, border))
+    found[np.ix_(use, use)] = matrix
+    return found
 
 
 def _compared(recursion: Recursion, remains: _Remains, run: str) -> Blocks:

@@ -82,8 +82,7 @@ class Recursion:
     @property
     def point(self) -> Array:
         """The ten and all calibration parameters, shape (k,)."""
-        assert self.state.parameters is not None
-        return np.concatenate([self.state.parameters, self.state.calibration.values])
+        return _point(self.state)
 
     @cached_property
     def use(self) -> NDArray[np.intp]:
@@ -191,13 +190,12 @@ class Recursion:
         forces: Forces,
         rows: Sequence[Rows],
         number: int,
-        at: Array | None = None,
+        state: FitState | None = None,
     ) -> Recursion:
-        """With a chunk of the window as it is linearised, about a border, shape (k,); None: the
-        present one.
-        """
+        """With a chunk of the window as it is linearised, about a state; None: the present one."""
         assert self.window is not None
-        chunk = Chunk(segment, forces, rows, self.point if at is None else at, self.use)
+        about = self.state if state is None else state
+        chunk = Chunk(segment, forces, rows, _point(about), self.use, self.task, about)
         chunks = (*self.window.chunks[:number], chunk, *self.window.chunks[number + 1 :])
         return replace(self, window=replace(self.window, chunks=chunks))
 
@@ -211,7 +209,7 @@ class Recursion:
         """
         assert self.window is not None
         segment = replace(segment, coefficients=self.window.motion[self.window.place(number)])
-        _, rows = whitened_rows(self.task, self.state, segment, forces)
+        _, rows = whitened_rows(self.task, self.state, segment, forces, border="estimated")
         return self.with_chunk(segment, forces, rows, number)
 
     def settled(self) -> Recursion:
@@ -341,3 +339,9 @@ class Recursion:
         return solve(
             equations, narrow, np.ones(len(use), dtype=bool), sizes, settings=task.settings
         )
+
+
+def _point(state: FitState) -> Array:
+    """The ten and all calibration parameters, shape (k,)."""
+    assert state.parameters is not None
+    return np.concatenate([state.parameters, state.calibration.values])

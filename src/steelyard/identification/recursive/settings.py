@@ -21,11 +21,11 @@ class RecursiveSettings:
     forgets: float = 10.0
     """Time over which it forgets how lively a motion was [s]."""
     foresights: int = 1
-    """Steps by which a chunk finds its motion before what stands far is looked at: a second one leaves
-    the estimate as far from where many linearisations would take it."""
+    """Steps by which a chunk finds its motion from its own instruments before the forces are looked at
+    with them."""
     turns: int = 6
-    """Linearisations of a chunk as it arrives, at most: two or three as a rule."""
-    arrived: float = 10.0
+    """Linearisations of a chunk as it arrives, at most: one or two as a rule."""
+    arrived: float = 3.0
     """Decrease of the cost, a chi-square, that the last step promised: what is left then is some
     hundreds of times smaller."""
     alarm: float = 1e-10

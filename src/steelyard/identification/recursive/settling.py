@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.identification.model.balance import Forces
+from steelyard.identification.model.balance import UNMODELLED, Forces
+from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.motion_segment import Reading, Segment
+from steelyard.identification.model.segment import Rows
 from steelyard.identification.recursive.recursion import Recursion
 from steelyard.identification.recursive.window.past import scaled
+from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.segment_equations import whitened_rows
 
@@ -45,13 +48,13 @@ def arrived(
     if not held:
         here = _foreseen(here, segment, forces)
     settled = False
-    for turn in range(recursion.settings.turns):
+    for _ in range(recursion.settings.turns):
         assert here.window is not None
         segment = replace(segment, coefficients=here.window.motion[longer.place(number)])
         segment, forces = _with_jitter(here, segment, forces)
-        if turn and not held and here.window.lively is not None:
+        if not held and here.window.lively is not None:
             segment = here.window.lively.at_least(segment, longer.grid.intervals)
-        _, rows = whitened_rows(here.task, here.state, segment, forces)
+        _, rows = whitened_rows(here.task, here.state, segment, forces, border="estimated")
         here = here.with_chunk(segment, forces, rows, number)
         here, promised = here.followed() if held else here.stepped()
         settled = promised < recursion.settings.arrived
@@ -63,8 +66,8 @@ def arrived(
 
 
 def _foreseen(recursion: Recursion, segment: Segment, forces: Forces) -> Recursion:
-    """With a motion of the last chunk that its own instruments show; what a motion that merely
-    goes on is off by must not count as a reading that stands far.
+    """With a motion of the last chunk that its own instruments show, and then the forces with them;
+    what a motion that merely goes on is off by must not count as a reading that stands far.
 
     Args:
         recursion: With a window that has coefficients for it.
@@ -74,25 +77,43 @@ def _foreseen(recursion: Recursion, segment: Segment, forces: Forces) -> Recursi
     assert recursion.window is not None
     here, number = recursion, len(recursion.window.chunks)
     task, place = recursion.task, recursion.window.place(number)
-    # The border is held.
-    column_of = np.full(len(task.calibration_parameters), -1, dtype=np.intp)
-    wide = {
-        each.source: _WIDE * recursion.state.factors.get(each.source, 1.0)
-        for each in segment.readings
-    }
+    wide = _wide(recursion.state, segment, forces)
+    held = np.full(len(task.calibration_parameters), -1, dtype=np.intp)
     for _ in range(recursion.settings.foresights):
         assert here.window is not None
         segment = replace(segment, coefficients=here.window.motion[place])
         rows = motion_residuals(
-            task.experiment, segment, here.state.calibration, column_of, wide, None
+            task.experiment, segment, wide.calibration, held, wide.factors, None, narrow=True
         )
-        told = [scaled(each, _WIDE) for each in rows]
-        here = here.with_chunk(segment, forces, told, number)
+        here = here.with_chunk(segment, forces, _told(rows), number)
         here, promised = here.followed()
         if promised < recursion.settings.arrived:
             break
     assert here.window is not None
+    if len(forces.time):
+        # Readings of the motion hardly tell how it accelerates at its end, where forces do.
+        segment = replace(segment, coefficients=here.window.motion[place])
+        _, balanced = whitened_rows(task, wide, segment, forces, border="held")
+        here = here.with_chunk(segment, forces, _told(balanced), number)
+        here, _ = here.followed()
+    assert here.window is not None
     return replace(here, window=replace(here.window, chunks=recursion.window.chunks))
+
+
+def _told(rows: Iterable[Rows]) -> list[Rows]:
+    """What readings that are taken as noisier say as they are; what holds a motion that no instrument
+    tells is none of them.
+    """
+    return [each if each.label is None else scaled(each, _WIDE) for each in rows]
+
+
+def _wide(state: FitState, segment: Segment, forces: Forces) -> FitState:
+    """A state in which all readings of a chunk are so noisy that none of them stands far."""
+    sources = [each.source for each in segment.readings]
+    sources += [(forces.name, quantity) for quantity in forces.readings]
+    sources.append((ROBOT, UNMODELLED))
+    wide = {each: _WIDE * state.factors.get(each, 1.0) for each in sources}
+    return replace(state, factors={**state.factors, **wide})
 
 
 def _with_jitter(recursion: Recursion, segment: Segment, forces: Forces) -> tuple[Segment, Forces]:

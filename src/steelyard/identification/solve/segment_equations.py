@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,8 @@ def whitened_rows(
     segment: Segment,
     forces: Forces,
     tally: Tally | None = None,
+    *,
+    border: Literal["all", "estimated", "held"] = "all",
 ) -> tuple[tuple[WhitenedBalance, ...], list[Rows]]:
     """The balance of a segment, some samples at a time, and all of its rows, with derivatives by
     every column of the border.
@@ -83,10 +85,18 @@ def whitened_rows(
         segment: One of its segments, which is not long.
         forces: Of it.
         tally: Is added to; None: nothing is counted.
+        border: Derivatives by all of its columns; by those that are estimated, which are few; or by
+            none, where the motion alone follows.
     """
-    linearised = _RowsOfSegment(task, state, segment, forces, None, looked_at=True)
+    column_of = _every_column(task)
+    if border != "all":
+        column_of = np.where(task.active & (border == "estimated"), column_of, -1)
+    linearised = _RowsOfSegment(
+        task, state, segment, forces, None, True, column_of, narrow=border != "all"
+    )
     balances = tuple(linearised.of_forces(tally))
-    return balances, [*linearised.of_motion(tally), *chain(*(each.rows for each in balances))]
+    rows = [*linearised.of_motion(tally), *chain(*(each.rows for each in balances))]
+    return balances, [each.without_border for each in rows] if border == "held" else rows
 
 
 def segment_equations(
@@ -115,7 +125,8 @@ def segment_equations(
         numpy.linalg.LinAlgError: The motion is not determined.
     """
     of_forces, of_motion = Tally(), Tally()
-    linearised = _RowsOfSegment(task, state, segment, forces, motion, looked_at)
+    column_of = _every_column(task)
+    linearised = _RowsOfSegment(task, state, segment, forces, motion, looked_at, column_of)
     balances = list[Balance]()
     weight = list[Array]()
 
@@ -180,6 +191,10 @@ class _RowsOfSegment:
     motion: Array | None
     """See :func:`segment_equations`."""
     looked_at: bool
+    column_of: NDArray[np.intp]
+    """Column of each calibration parameter; -1: there is none; shape (u,)."""
+    narrow: bool = False
+    """See :func:`.motion_residuals`."""
     kept: dict[str, Sequence[Any]] = field(default_factory=dict)
     """What a segment of few samples has been asked for already."""
 
@@ -189,8 +204,7 @@ class _RowsOfSegment:
         Args:
             tally: Is added to, the first time; None: nothing is counted.
         """
-        column_of = _every_column(self.task)
-        state, task = self.state, self.task
+        state, task, column_of = self.state, self.task, self.column_of
         carried = None
         if self.motion is None:
             carried = carried_tensions(
@@ -201,6 +215,7 @@ class _RowsOfSegment:
                 column_of,
                 state.parameters,
                 state.factors,
+                narrow=self.narrow,
             )
         rows = partial(
             motion_residuals,
@@ -211,6 +226,7 @@ class _RowsOfSegment:
             state.factors,
             tally,
             carried,
+            narrow=self.narrow,
         )
         return self._once("motion", rows)
 
@@ -222,7 +238,7 @@ class _RowsOfSegment:
         """
         task, state = self.task, self.state
         assert state.parameters is not None
-        column_of, parameters = _every_column(task), state.parameters
+        column_of, parameters = self.column_of, state.parameters
 
         def rows() -> Iterator[WhitenedBalance]:
             for part in self.forces.parts():
@@ -236,6 +252,7 @@ class _RowsOfSegment:
                     state.factors,
                     tally,
                     self.motion,
+                    narrow=self.narrow,
                 )
 
         return self._once("forces", rows)

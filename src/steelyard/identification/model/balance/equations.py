@@ -35,6 +35,7 @@ from steelyard.robot.surroundings import (
 
 _MOTION = ("position", "rotation", "velocity", "omega", "alpha", "specific_force")
 """Fields of a state that the motion gives."""
+_OF_MOTION = ("pose", "rate", "acceleration")
 _PER_HOSE = sum(size for _, size in HOSE)
 
 
@@ -152,10 +153,18 @@ def taut_structure(robot: Robot) -> Batched:
     )
 
 
-@lru_cache(maxsize=16)
-def derivatives_of_balance(heavy: Robot, hoses: int = 0, swivels: int = 0) -> Batched:
+@lru_cache(maxsize=32)
+def derivatives_of_balance(
+    heavy: Robot, hoses: int = 0, swivels: int = 0, asked: frozenset[str] | None = None
+) -> Batched:
     """Of the wrench of the cables less what moves the body, by everything; sag is of no account for
     these, and how friction follows the pose.
+
+    Args:
+        heavy: The robot.
+        hoses: That are stated.
+        swivels: Of cables about their anchors.
+        asked: Inputs by which there are derivatives beside the motion; None: all.
     """
     robot = heavy.with_straight_cables()
     body, fixed = _MovingBody.new(hoses, swivels), _Geometry.of(robot)
@@ -166,8 +175,10 @@ def derivatives_of_balance(heavy: Robot, hoses: int = 0, swivels: int = 0) -> Ba
     by = body._asdict()
     if robot.m:
         by |= {"anchor": ca.vec(fixed.anchors), "attachment": ca.vec(fixed.attachments)}
+    if asked is not None:
+        by = {key: each for key, each in by.items() if key in _OF_MOTION or key in asked}
     outputs = {f"by_{key}": each for key, each in jacobians(wrench, by).items()}
-    for key in ("rate", "swivel"):
+    for key in {"rate", "swivel"} & by.keys():
         outputs[f"by_{key}"] += ca.jacobian(body.rubbing(robot), by[key])
     outputs = {name: ca.densify(each) for name, each in outputs.items()}
     if not robot.m:

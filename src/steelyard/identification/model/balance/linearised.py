@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
@@ -33,6 +34,7 @@ from steelyard.identification.model.calibration_parameters import (
     hose_keys,
 )
 from steelyard.identification.model.motion_residuals import (
+    has_column,
     rate_along,
     reference_clocks,
     time_of,
@@ -50,6 +52,7 @@ from steelyard.instruments.equations import following, sensitivity
 from steelyard.instruments.tension import GAINS, PRESLIDING, rolled_along
 from steelyard.robot.model import DIRECTIONS
 
+_GEOMETRY = (("anchor", "anchor"), ("attachment", "attachment"))
 _TRAVEL_STEP = 1e-6
 """Step of a travel that shows how friction follows it [m]."""
 ByParameters = Iterator[tuple[slice, Array]]
@@ -71,12 +74,19 @@ class BalancePoint:
     motion: tuple[Array, Array, Array, Array]
     """Pose and its first three time derivatives, shape (n, 7) each."""
     derivatives: Mapping[str, Array]
-    """See :func:`.derivatives_of_balance`."""
+    """See :func:`.derivatives_of_balance`; those by what has no column may not be there."""
+    column_of: NDArray[np.intp] | None = None
+    """Column of each systematic error in the border; -1: not there, and nothing is asked of it; shape
+    (u,). None: all are asked for."""
 
     @property
     def instrument(self) -> Instrument:
         """Of the forces."""
         return self.experiment.instruments[self.force_samples.name]
+
+    def asks(self, place: slice) -> bool:
+        """Whether the border has any of some systematic errors."""
+        return self.column_of is None or has_column(self.column_of, place)
 
     @property
     def errors(self) -> dict[str, Array]:
@@ -181,6 +191,10 @@ class BalancePoint:
             return
         name, robot = self.force_samples.name, self.experiment.robot
         parameters = self.calibration.calibration_parameters
+        places = parameters.places_of(name, instrument, run)
+        asked = {key: place for key, place in places.items() if self.asks(place)}
+        if not asked:
+            return
         unknown = at.measured.quantity
         _, by_terms, by_rolling = sensitivity(
             unknown,
@@ -189,14 +203,15 @@ class BalancePoint:
             tuple(self.force_samples.readings),
             {**at.motion, unknown: values},
             self.errors,
+            None if self.column_of is None else frozenset(asked),
         )
         by_terms = np.broadcast_to(by_terms, (len(at.time), *by_terms.shape[1:]))
         column = 0
-        for place in parameters.places_of(name, instrument, run).values():
+        for place in asked.values():
             size = place.stop - place.start
             yield place, by_terms[:, :, column : column + size]
             column += size
-        if by_rolling is None or self.segment.static:
+        if by_rolling is None or self.segment.static or PRESLIDING not in asked:
             return
         travel = float(np.squeeze(self.errors[PRESLIDING]))
         position, rotation = at.motion["position"], at.motion["rotation"]
@@ -215,7 +230,7 @@ class BalancePoint:
         places = self.calibration.calibration_parameters.places_of(
             self.force_samples.name, self.instrument, self.segment.run
         )
-        gains = [places[key] for key in GAINS if key in places]
+        gains = [places[key] for key in GAINS if key in places and self.asks(places[key])]
         if not gains:
             return
         more = self.terms_of_readings(self.asked + 1.0)
@@ -231,24 +246,16 @@ class BalancePoint:
         places = parameters.places
         keys = ("gravity", "anchor", "attachment") if self.experiment.robot.m else ("gravity",)
         for key in keys:
-            yield places[ROBOT, key, None], self.derivatives[f"by_{key}"]
+            if self.asks(places[ROBOT, key, None]):
+                yield places[ROBOT, key, None], self.derivatives[f"by_{key}"]
         load = parameters.place_of_load(self.segment.run)
-        if load is not None:
+        if load is not None and self.asks(load):
             yield load, self.derivatives["by_parameters"]
-        hoses = hose_keys(parameters)
-        rubbing = self.calibration.swivel().size
-        swivels = ((SWIVEL, rubbing),) if rubbing else ()
-        beside = (
-            ("by_attached", ATTACHED),
-            ("by_air", AIR),
-            ("by_hoses", hoses),
-            ("by_swivel", swivels),
-        )
-        for name, parts in beside:
+        for name, own in _pulling(self.experiment, self.calibration, self.segment.run).items():
             column = 0
-            for key, size in parts if self.experiment.robot.m or parts is hoses else ():
-                derivative = self.derivatives[name][:, :, column : column + size]
-                yield parameters.place(ROBOT, key, self.segment.run), derivative
+            for place in own if f"by_{name}" in self.derivatives else ():
+                size = place.stop - place.start
+                yield place, self.derivatives[f"by_{name}"][:, :, column : column + size]
                 column += size
 
     def by_moving(self, by: tuple[Array, Array, Array]) -> ByParameters:
@@ -281,7 +288,9 @@ class BalancePoint:
         places = parameters.places_of(name, self.instrument, segment.run)
         if TIME_CONSTANT in places:
             yield places[TIME_CONSTANT], by_delay + self._by_smoothing()
-        yield parameters.places[ROBOT, DRAG, None], self.derivatives["by_drag"][:, :, None]
+        drag = parameters.places[ROBOT, DRAG, None]
+        if self.asks(drag):
+            yield drag, self.derivatives["by_drag"][:, :, None]
 
     def _by_smoothing(self) -> Array:
         """Derivative of the balance by the time constant of a filter as far as it is no delay, shape (n,
@@ -302,8 +311,14 @@ def point_of(
     calibration: CalibrationValues,
     parameters: Array,
     factors: Mapping[Source, float],
+    column_of: NDArray[np.intp] | None = None,
 ) -> BalancePoint:
-    """The balance linearised about where everything stands."""
+    """The balance linearised about where everything stands; arguments as of :func:`.balance_of`, and
+    the last as in :class:`BalancePoint`.
+    """
+    asked = None
+    if column_of is not None:
+        asked = frozenset(_asked(experiment, segment, calibration, column_of))
     moving = moving_at(experiment, segment, force_samples, calibration, parameters)
     at = balance_at(moving, experiment, segment, force_samples, calibration, factors)
     cables = (
@@ -317,5 +332,42 @@ def point_of(
         at,
         moving.local,
         motion_at(moving.local, segment.coefficients),
-        derivatives_of_balance(experiment.robot, *calibration.pulling)(**moving.inputs, **cables),
+        derivatives_of_balance(experiment.robot, *calibration.pulling, asked)(
+            **moving.inputs, **cables
+        ),
+        column_of,
     )
+
+
+def _pulling(
+    experiment: Experiment, calibration: CalibrationValues, run: str
+) -> dict[str, list[slice]]:
+    """What pulls at the platform beside cables and body -> where what is known of it stands, as it
+    acts in a run.
+    """
+    parameters, m = calibration.calibration_parameters, experiment.robot.m
+    parts = {"hoses": [key for key, _ in hose_keys(parameters)]}
+    if m:
+        parts["attached"], parts["air"] = ([key for key, _ in each] for each in (ATTACHED, AIR))
+        parts["swivel"] = [SWIVEL] if calibration.swivel().size else []
+    return {name: [parameters.place(ROBOT, k, run) for k in keys] for name, keys in parts.items()}
+
+
+def _asked(
+    experiment: Experiment,
+    segment: Segment,
+    calibration: CalibrationValues,
+    column_of: NDArray[np.intp],
+) -> Iterator[str]:
+    """By what the balance is to have derivatives beside the motion, see
+    :func:`.derivatives_of_balance`.
+    """
+    parameters = calibration.calibration_parameters
+    yield "parameters"
+    for key, error in (("drag", DRAG), ("gravity", "gravity"), *_GEOMETRY):
+        place = parameters.places.get((ROBOT, error, None))
+        if place is not None and has_column(column_of, place):
+            yield key
+    for name, places in _pulling(experiment, calibration, segment.run).items():
+        if any(has_column(column_of, place) for place in places):
+            yield name

@@ -14,6 +14,8 @@ from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Rows
 from steelyard.identification.recursive.window.past import Linear, Point, in_one
+from steelyard.identification.solve.fit_state import FitState, Task
+from steelyard.identification.solve.segment_equations import whitened_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,11 +25,15 @@ class Chunk:
     segment: Segment
     forces: Forces
     rows: Sequence[Rows]
-    """Their residuals with derivatives by all columns of the border."""
+    """Their residuals with derivatives by the columns of the border that are estimated, or by more."""
     border: Array
     """The ten and all calibration parameters where they were linearised, shape (k,)."""
     use: NDArray[np.intp]
     """Columns of the border that are estimated, shape (e,)."""
+    task: Task
+    """What is fitted."""
+    state: FitState
+    """Where they were linearised."""
 
     @cached_property
     def linear(self) -> Linear:
@@ -42,8 +48,13 @@ class Chunk:
 
     @cached_property
     def whole(self) -> Linear:
-        """The same over all columns."""
-        return self._of(self.rows, self.border)
+        """The same over all columns, which are hardly ever asked for."""
+        _, rows = whitened_rows(self.task, self.state, self.segment, self.forces)
+        return self.of_all(rows)
+
+    def of_all(self, rows: Sequence[Rows]) -> Linear:
+        """The same of rows with derivatives by all columns."""
+        return self._of(rows, self.border)
 
     def _of(self, rows: Sequence[Rows], border: Array) -> Linear:
         """Equations of rows with what is known of motion and processes."""

@@ -122,6 +122,20 @@ def in_one(rows: Sequence[Rows], use: NDArray[np.intp], border: int) -> Rows:
     )
 
 
+def narrowed(rows: Rows, use: NDArray[np.intp]) -> Rows:
+    """Rows with derivatives by some columns of the border alone, as the only ones there are.
+
+    Args:
+        rows: With columns in any order.
+        use: Which, ascending, shape (e,).
+    """
+    assert rows.columns is not None
+    place = np.searchsorted(use, rows.columns)
+    kept = place < len(use)
+    kept[kept] = use[place[kept]] == rows.columns[kept]
+    return replace(rows, by_errors=rows.by_errors[:, :, kept], columns=place[kept])
+
+
 def together(parts: Sequence[NormalEquations], places: Sequence[int]) -> NormalEquations:
     """Equations of parts of a motion as those of the whole.
 
