@@ -82,7 +82,9 @@ def changes(recursion: Recursion, cause: Cause = "load") -> list[Change]:
     own, left = _of_each_chunk(recursion, columns)
     sizes = np.tile(columns.scale, count)
     own, left = own * np.outer(sizes, sizes), left * sizes
-    return [_after(number, count, own, left, columns.scale) for number in range(count - 1)]
+    each = np.linalg.solve(own + np.eye(len(own)) / _WIDE**2, left)
+    most = float(left @ each)
+    return [_after(number, count, own, left, columns.scale, most) for number in range(count - 1)]
 
 
 def _columns(recursion: Recursion, cause: Cause) -> _Changeable:
@@ -106,7 +108,7 @@ def _columns(recursion: Recursion, cause: Cause) -> _Changeable:
     return _Changeable(which, np.array(scale))
 
 
-def _after(number: int, count: int, own: Array, left: Array, scale: Array) -> Change:
+def _after(number: int, count: int, own: Array, left: Array, scale: Array, most: float) -> Change:
     """A change within one chunk.
 
     Args:
@@ -115,6 +117,7 @@ def _after(number: int, count: int, own: Array, left: Array, scale: Array) -> Ch
         own: What the window says of a change in each of them, in plausible sizes, shape (c n, c n).
         left: The right-hand side of it, shape (c n,).
         scale: Plausible sizes, shape (c,).
+        most: Decrease of the cost by changes of all chunks by themselves.
     """
     size = len(scale)
     pick = np.zeros((size * count, 2 * size))
@@ -124,7 +127,6 @@ def _after(number: int, count: int, own: Array, left: Array, scale: Array) -> Ch
     inverse = np.linalg.inv(normal + np.eye(2 * size) / _WIDE**2)
     value = inverse @ right
     change, statistic = value[size:], float(right @ value)
-    each = np.linalg.solve(own + np.eye(len(own)) / _WIDE**2, left)
     # The chunk itself as a part of the change.
     weighted = change @ normal[:size, :size]
     share = weighted @ value[:size] / max(float(weighted @ change), 1e-300)
@@ -134,7 +136,7 @@ def _after(number: int, count: int, own: Array, left: Array, scale: Array) -> Ch
         np.outer(scale, scale) * inverse[size:, size:],
         float(np.clip(share, 0.0, 1.0)),
         statistic,
-        float(left @ each) - statistic,
+        most - statistic,
         size * (count - 2),
     )
 

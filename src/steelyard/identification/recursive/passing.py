@@ -72,7 +72,7 @@ def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
     here = recursion.with_chunk(segment, first.forces, rows, 0, then).window
     assert here is not None
     # The verdict asks all columns, also those that nobody estimates, of what has passed.
-    own = here.chunks[0].of_all(rows).equations
+    own = here.chunks[0].whole.equations
     every = here.equations(recursion.point, recursion.use)
     every = without_columns(every, len(window.steps)) if window.walk else every
     remains = _remains(recursion, window, own, point)

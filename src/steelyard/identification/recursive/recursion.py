@@ -192,10 +192,12 @@ class Recursion:
         number: int,
         state: FitState | None = None,
     ) -> Recursion:
-        """With a chunk of the window as it is linearised, about a state; None: the present one."""
+        """With a chunk of the window as it is linearised, about a state, by all columns of the border;
+        None: about the present one, by those that are estimated.
+        """
         assert self.window is not None
-        about = self.state if state is None else state
-        chunk = Chunk(segment, forces, rows, _point(about), self.use, self.task, about)
+        about, every = (self.state, False) if state is None else (state, True)
+        chunk = Chunk(segment, forces, rows, _point(about), self.use, self.task, about, every)
         chunks = (*self.window.chunks[:number], chunk, *self.window.chunks[number + 1 :])
         return replace(self, window=replace(self.window, chunks=chunks))
 

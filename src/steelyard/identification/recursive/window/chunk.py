@@ -34,12 +34,17 @@ class Chunk:
     """What is fitted."""
     state: FitState
     """Where they were linearised."""
+    every: bool = False
+    """Whether their derivatives are by all columns of the border."""
 
     @cached_property
     def linear(self) -> Linear:
         """Equations with the smoothness of the motion, over the columns that are estimated: most are
         not, and steps ask for none of these.
         """
+        if self.every:
+            # Both are asked for, and to sum up once is less than twice.
+            return self.whole.of_columns(self.use)
         own = in_one(self.rows, self.use, len(self.border))
         if own.columns is None:
             return self._of([own], self.border[self.use])
@@ -49,11 +54,9 @@ class Chunk:
     @cached_property
     def whole(self) -> Linear:
         """The same over all columns, which are hardly ever asked for."""
-        _, rows = whitened_rows(self.task, self.state, self.segment, self.forces)
-        return self.of_all(rows)
-
-    def of_all(self, rows: Sequence[Rows]) -> Linear:
-        """The same of rows with derivatives by all columns."""
+        rows = self.rows
+        if not self.every:
+            _, rows = whitened_rows(self.task, self.state, self.segment, self.forces)
         return self._of(rows, self.border)
 
     def _of(self, rows: Sequence[Rows], border: Array) -> Linear:
