@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
@@ -15,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.estimates.per_mass import PerMass
+from steelyard.experiment.unread import with_constant_lengths
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.inertia import Inertia
 from steelyard.natural_frequencies.frequencies import Mode, frequencies
@@ -63,13 +65,16 @@ def _compared(true: Mode, predicted: Mode) -> tuple[float, float]:
     return off / true.frequency, off / (predicted.standard_deviation or np.nan)
 
 
-def draw(case: tuple[int, int, int, float]) -> Drawn:
-    m, number, runs, geometry = case
+def draw(case: tuple[int, int, int, float, float]) -> Drawn:
+    m, number, runs, geometry, length_noise = case
     rng = np.random.default_rng([FIRST_SEED, m, number])
     body = body_of(rng)
     recorded = swings(m, runs, [FIRST_SEED, m, number, 1], body=body, geometry=geometry)
+    experiment = recorded.experiment
+    if length_noise:
+        experiment = with_constant_lengths(replace(experiment, length_noise=length_noise))
     begun = time.process_time()
-    found = MaximumLikelihood()(recorded.experiment)
+    found = MaximumLikelihood()(experiment)
     seconds = time.process_time() - begun
     truth = PerMass.of(body.body_parameters, np.zeros((10, 10))).value
     told = found.per_mass
@@ -105,12 +110,27 @@ def draw(case: tuple[int, int, int, float]) -> Drawn:
     )
 
 
-def main(bodies: int = 5, runs: int = 12, processes: int = 2, geometry: float = 2) -> None:
-    """Errors of anchors and attachments in millimetres, 1-sigma."""
-    cases = [(m, i, runs, 1e-3 * geometry) for m, i in product(CABLES, range(bodies))]
+def main(
+    bodies: float = 5,
+    runs: float = 12,
+    processes: float = 2,
+    geometry: float = 2,
+    length_noise: float = 0,
+) -> None:
+    """Errors of anchors and attachments in millimetres, 1-sigma, and of lengths that are constant; 0:
+    that is not used.
+    """
+    bodies, runs, processes = round(bodies), round(runs), round(processes)
+    cases = [
+        (m, i, runs, 1e-3 * geometry, 1e-3 * length_noise)
+        for m, i in product(CABLES, range(bodies))
+    ]
     found = []
 
-    print(f"{runs} swings of 10 s each, motion capture .3 mm and .5 mrad, geometry {geometry:g} mm")
+    print(
+        f"{runs} swings of 10 s each, motion capture .3 mm and .5 mrad, geometry {geometry:g} mm"
+        + (f", lengths constant to {length_noise:g} mm" if length_noise else "")
+    )
     print(
         "cables  chi-square/9  centre [mm]  moments [%]  frequencies [%] median, largest, z  CPU [s]"
     )
@@ -139,4 +159,4 @@ def main(bodies: int = 5, runs: int = 12, processes: int = 2, geometry: float = 
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:5]))
+    main(*map(float, sys.argv[1:6]))

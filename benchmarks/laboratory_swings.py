@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from steelyard.errors import InputError
 from steelyard.estimates.per_mass import PerMass
+from steelyard.experiment.unread import with_constant_lengths
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.natural_frequencies.frequencies import frequencies
 
@@ -61,8 +63,12 @@ def predicted(recorded: Any, found: Any, m: int) -> np.ndarray:
     return np.array(errors or [np.nan])
 
 
-def main(cables: str, runs: int) -> None:
-    print(f"{runs} swings of 10 s each, motion capture .2 mm and .3 mrad, geometry 2 mm")
+def main(cables: str, runs: int, length_noise: float = 0.0) -> None:
+    """With lengths that are constant to some millimetres; 0: that is not used."""
+    print(
+        f"{runs} swings of 10 s each, motion capture .2 mm and .3 mrad, geometry 2 mm"
+        + (f", lengths constant to {length_noise:g} mm" if length_noise else "")
+    )
     print(
         "cables  what is real                          swings [deg]  chi-square/9  centre [mm]"
         "  moments [%]  frequencies [%]  CPU [s]"
@@ -70,8 +76,12 @@ def main(cables: str, runs: int) -> None:
     for m in map(int, cables.split(",")):
         for name, real in REAL.items():
             recorded = record(Laboratory(cables=m, runs=runs, **real), [SEED, m, 0])
+            experiment = recorded.experiment
+            if length_noise:
+                stated = replace(experiment, length_noise=1e-3 * length_noise)
+                experiment = with_constant_lengths(stated)
             begun = time.process_time()
-            found = MaximumLikelihood()(recorded.experiment)
+            found = MaximumLikelihood()(experiment)
             seconds = time.process_time() - begun
             told = found.per_mass
             assert told is not None
@@ -100,4 +110,8 @@ def main(cables: str, runs: int) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else "3,4,2", int((sys.argv[2:3] or [4])[0]))
+    main(
+        sys.argv[1] if len(sys.argv) > 1 else "3,4,2",
+        int((sys.argv[2:3] or [4])[0]),
+        float((sys.argv[3:4] or [0])[0]),
+    )

@@ -6,8 +6,9 @@ from mujoco_swings import ANCHORS, ATTACHMENTS
 
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
-from steelyard.experiment.unread import UNREAD, is_unread
+from steelyard.experiment.unread import LOCKED, UNREAD, is_unread, with_constant_lengths
 from steelyard.experiment.write import write_experiment
+from steelyard.instruments.unread_cables import CHANGE
 from steelyard.yaml_file import to_yaml
 
 POSE = {"kind": "pose", "noise": {"position": 3e-4, "rotation": 5e-4}}
@@ -94,3 +95,64 @@ def test_what_stands_in_is_not_written(tmp_path):
 def test_a_run_without_forces_needs_locked_winches_and_few_cables(tmp_path, given, expected):
     with pytest.raises(InputError, match=expected):
         read_experiment(written(tmp_path, **given))
+
+
+STATED = {"run": {"winches": "locked"}, "uncertainty": {"length_noise": 4e-4}}
+
+
+def test_lengths_of_locked_winches_do_not_change_to_a_stated_noise(tmp_path):
+    experiment = read_experiment(written(tmp_path, **STATED))
+    (run,) = experiment.runs
+    own, stream = experiment.instruments[LOCKED], run.streams[LOCKED]
+    assert own.quantity(CHANGE, 4).noise == 4e-4
+    # Twenty times a second, by the clock of the motion capture.
+    assert np.diff(stream.time) == pytest.approx(0.05, rel=0.01)
+    assert (stream.time[0], stream.time[-1]) == tuple(run.streams["pose"].time[[0, -1]])
+    assert own.clock == experiment.instruments[UNREAD].clock
+    np.testing.assert_array_equal(stream.values[CHANGE], np.zeros((len(stream), 4)))
+    assert with_constant_lengths(experiment).runs[0].streams.keys() == run.streams.keys()
+
+
+def test_nothing_is_said_of_lengths_unless_it_is_stated(tmp_path):
+    for further in ({}, {"uncertainty": {"length_noise": None}}):
+        experiment = read_experiment(written(tmp_path, run={"winches": "locked"}, **further))
+        assert experiment.instruments.keys() == {"pose", UNREAD}
+
+
+def test_encoders_say_by_themselves_that_lengths_are_constant(tmp_path):
+    path = written(
+        tmp_path,
+        instruments={"pose": POSE, "encoders": {"kind": "length", "noise": 1e-4}},
+        run={"winches": "locked", "encoders": "lengths.csv"},
+        uncertainty={"length_noise": 4e-4},
+    )
+    t = np.arange(0, 2, 0.01)
+    table = np.column_stack([t, *np.ones((4, len(t)))])
+    header = "t,l1,l2,l3,l4"
+    np.savetxt(tmp_path / "lengths.csv", table, delimiter=",", header=header, comments="")
+    assert LOCKED not in read_experiment(path).instruments
+
+
+def test_the_noise_of_lengths_is_written_and_their_stream_is_not(tmp_path):
+    experiment = read_experiment(written(tmp_path, **STATED))
+    again = tmp_path / "again"
+    again.mkdir()
+    write_experiment(experiment, again)
+    text = (again / "experiment.yaml").read_text()
+    assert LOCKED not in text
+    back = read_experiment(again / "experiment.yaml")
+    assert back.length_noise == 4e-4
+    assert back.runs[0].streams.keys() == experiment.runs[0].streams.keys()
+
+
+@pytest.mark.parametrize("noise", [-1e-3, 0])
+def test_a_noise_of_lengths_is_larger_than_zero(tmp_path, noise):
+    given = {**STATED, "uncertainty": {"length_noise": noise}}
+    with pytest.raises(InputError, match=r"length_noise.*expected a number above 0"):
+        read_experiment(written(tmp_path, **given))
+
+
+def test_a_noise_of_lengths_needs_a_run_with_locked_winches(tmp_path):
+    with pytest.raises(InputError, match="expected a run with 'winches: locked', in which") as why:
+        read_experiment(written(tmp_path, uncertainty={"length_noise": 4e-4}))
+    assert "found none; add it to these runs, or remove the key" in str(why.value)

@@ -161,6 +161,17 @@ def _is_of_sensors(form: ExperimentForm, run: RunForm) -> bool:
     return bool(run.streams) and all(form.instruments[n].calibrates for n in run.streams)
 
 
+def check_length_noise(form: ExperimentForm, document: YamlDocument) -> None:
+    """Refuse a noise of constant lengths where no winches are locked."""
+    noise = form.uncertainty.length_noise
+    if noise is not None and not any(run.winches for run in form.runs):
+        raise document.error(
+            ("uncertainty", "length_noise"),
+            "expected a run with 'winches: locked', in which cables keep their lengths to"
+            f" {noise:g} m, found none; add it to these runs, or remove the key",
+        )
+
+
 def check_known_or_weighed(experiment: Experiment, document: YamlDocument) -> None:
     """Refuse several loads of which nothing tells one's mass: what damps swings and stretches cables
     is the same for all, and none of it can be told in multiples of two masses.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -109,6 +109,9 @@ class UncertaintyForm(FileModel):
     """[m]"""
     gravity: NotNegative = 0.005
     """[m/s^2]"""
+    length_noise: Annotated[float, Field(gt=0)] | None = None
+    """By how much unstrained lengths are off a constant in runs with locked winches [m]; None: that
+    they are constant is not used."""
     unmodelled: Unmodelled | None = None
     """Wrench on the platform that nothing explains; None: estimated, and zero where the readings do
     not ask for it; 0: there is none."""

@@ -264,6 +264,9 @@ class Experiment:
     mass_assumed: bool = False
     """Whether the mass under ``known`` is an assumption, since nothing weighs the platform: first
     moment and inertia are told in multiples of it."""
+    length_noise: float | None = None
+    """1-sigma by which unstrained lengths are off a constant while winches are locked [m]; None: that
+    they are constant is not used."""
     mass_walk: float = 0.0
     """Density of the random walk of the mass, where something runs out or in, at the centre of gravity
     [kg/sqrt(s)]; what is known of the mass is that at the beginning. 0: it stays."""

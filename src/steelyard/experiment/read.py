@@ -12,6 +12,7 @@ from steelyard.experiment.checks import (
     check_carried,
     check_described,
     check_known_or_weighed,
+    check_length_noise,
     check_run,
 )
 from steelyard.experiment.form import (
@@ -82,6 +83,7 @@ def assembled(
     """
     check_described(form, robot, document)
     check_carried(form, document)
+    check_length_noise(form, document)
     runs = tuple(read_run(i, run, form, robot, document, logs) for i, run in enumerate(form.runs))
     listed = _experiment(form, robot, runs)
     experiment = with_unread_cables(with_weights_apart(with_frequencies_apart(listed)))
@@ -155,6 +157,7 @@ def _experiment(form: ExperimentForm, robot: Robot, runs: tuple[Run, ...]) -> Ex
         mass_walk=mass_walk(form.known),
         loads=loads,
         uncertainty=form.uncertainty.of_robot,
+        length_noise=form.uncertainty.length_noise,
         surroundings=form.surroundings,
         datum=None if form.datum is None else Datum(form.datum.anchors or (), form.datum.pose),
     )

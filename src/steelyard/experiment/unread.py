@@ -1,7 +1,8 @@
 """Runs without force sensors: the cables carry the platform though nobody reads how hard they pull.
 
 A stream of guessed tensions, none of them read, stands where the forces would be. What the cables
-cannot carry has to be in balance without them: six equations less one for every cable.
+cannot carry has to be in balance without them: six equations less one for every cable. Where it is
+stated how constant their lengths are, a stream of lengths that do not change stands beside it.
 """
 
 from __future__ import annotations
@@ -13,11 +14,16 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.instruments import Instrument
-from steelyard.instruments.unread_cables import UnreadCables
+from steelyard.instruments.unread_cables import CHANGE, ConstantLengths, UnreadCables
 from steelyard.robot.model import Robot
 
 UNREAD = "unread cables"
 """Name of the instrument that stands in for force sensors."""
+LOCKED = "locked winches"
+"""Name of the instrument that says that lengths are constant."""
+_CONSTANT = 20.0
+"""Instants in a second at which it does [Hz]: two for each swing of the fastest that there is, and
+so many errors that are independent of each other."""
 _RATE = 100.0
 """Largest number of instants in a second: platforms that swing have a few Hz."""
 _USUAL_MASS = 10.0
@@ -47,7 +53,7 @@ def with_unread_cables(experiment: Experiment, *, every: bool = False) -> Experi
             sync = {**run.sync, name: run.sync[clock]} if run.sync else {}
             run = replace(run, streams={**run.streams, name: stream}, sync=sync)
         runs.append(run)
-    found = replace(experiment, instruments=instruments, runs=tuple(runs))
+    found = with_constant_lengths(replace(experiment, instruments=instruments, runs=tuple(runs)))
     if "mass" in found.known or not is_unread(found):
         return found
     known = {**found.known, "mass": (usual_mass(found), 0.0)}
@@ -55,6 +61,61 @@ def with_unread_cables(experiment: Experiment, *, every: bool = False) -> Experi
         replace(load, known=known) if i == 0 else load for i, load in enumerate(found.loads)
     )
     return replace(found, known=known, loads=loads, mass_assumed=True)
+
+
+def with_constant_lengths(experiment: Experiment) -> Experiment:
+    """The experiment in which the lengths of the cables do not change in runs with locked winches, to
+    the noise that is stated of them; the very same where none is.
+
+    Args:
+        experiment: As it was read.
+    """
+    noise, robot = experiment.length_noise, experiment.robot
+    if noise is None or not robot.m:
+        return experiment
+    instruments = dict(experiment.instruments)
+    runs = []
+    for run in experiment.runs:
+        # Encoders say the same by themselves.
+        read = any(instruments[name].is_cable_motion for name in run.streams)
+        clock = None if read or not run.locked else _whole_motion(experiment, run)
+        if clock is not None:
+            own = ConstantLengths(
+                cables=robot.m,
+                noise=noise,
+                axial_stiffness=robot.cable.axial_stiffness,
+                clock=instruments[clock].clock or clock,
+            )
+            name = _named(LOCKED, instruments, own)
+            instruments[name] = own
+            time = run.streams[clock].time
+            count = max(2, round((time[-1] - time[0]) * _CONSTANT) + 1)
+            instants = np.linspace(time[0], time[-1], count)
+            stream = Stream(instants, {CHANGE: np.zeros((count, robot.m))}, name)
+            sync = {**run.sync, name: run.sync[clock]} if run.sync else {}
+            run = replace(run, streams={**run.streams, name: stream}, sync=sync)
+        runs.append(run)
+    return replace(experiment, instruments=instruments, runs=tuple(runs))
+
+
+def without_constant_lengths(experiment: Experiment) -> Experiment:
+    """The experiment in which nothing is said of lengths that nobody reads; the very same where that is
+    so.
+
+    Args:
+        experiment: Any.
+    """
+    said = {
+        name for name, each in experiment.instruments.items() if isinstance(each, ConstantLengths)
+    }
+    if not said:
+        return experiment
+    runs = tuple(
+        replace(run, streams={name: s for name, s in run.streams.items() if name not in said})
+        for run in experiment.runs
+    )
+    instruments = {n: each for n, each in experiment.instruments.items() if n not in said}
+    return replace(experiment, instruments=instruments, runs=runs, length_noise=None)
 
 
 def is_unread(experiment: Experiment) -> bool:
@@ -88,6 +149,17 @@ def _clock(experiment: Experiment, run: Run, *, every: bool) -> str | None:
         return None
     if not every and (not run.locked or run.static):
         return None
+    return _whole_motion(experiment, run, every=every)
+
+
+def _whole_motion(experiment: Experiment, run: Run, *, every: bool = False) -> str | None:
+    """The fastest instrument that knows how the platform moves; None: there is none.
+
+    Args:
+        experiment: With the run.
+        run: One of its runs.
+        every: Whether any other will do where there is none.
+    """
     motion = [n for n in run.streams if experiment.instruments[n].is_motion]
     motion = motion or [n for n in run.streams if every]
     whole = [n for n in motion if {"position", "orientation"} <= run.streams[n].values.keys()]
@@ -99,8 +171,13 @@ def _standing_in(
 ) -> tuple[str, UnreadCables]:
     """Name and instrument, the same for all runs on one clock."""
     own = UnreadCables(cables=robot.m, clock=instruments[clock].clock or clock)
-    names = [UNREAD, *(f"{UNREAD} {i}" for i in range(2, len(instruments) + 3))]
-    return next(n for n in names if n not in instruments or instruments[n] == own), own
+    return _named(UNREAD, instruments, own), own
+
+
+def _named(usual: str, instruments: dict[str, Instrument], own: Instrument) -> str:
+    """A name that is free, or is that of the very same instrument."""
+    names = [usual, *(f"{usual} {i}" for i in range(2, len(instruments) + 3))]
+    return next(n for n in names if n not in instruments or instruments[n] == own)
 
 
 def _stream(time: Array, weight: float, robot: Robot) -> Stream:

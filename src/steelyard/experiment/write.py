@@ -17,7 +17,6 @@ from steelyard.experiment.model import Experiment, Stream
 from steelyard.experiment.tables.dead_weights import with_weights_together
 from steelyard.experiment.tables.seen_frequencies import with_frequencies_together
 from steelyard.instruments import Instrument
-from steelyard.instruments.unread_cables import UnreadCables
 from steelyard.output import write_file
 from steelyard.robot.covariance import write_covariance
 from steelyard.robot.file import bundled_names, platform_values, read_robot, robot_file
@@ -80,7 +79,7 @@ def write_experiment(
         if run.locked:
             entry["winches"] = "locked"
         for name, stream in run.streams.items():
-            if isinstance(experiment.instruments[name], UnreadCables):
+            if experiment.instruments[name].stands_in(experiment.robot.m):
                 continue
             file = f"{place}/{names[name]}.{tables}"
             write = write_stream if tables == "csv" else write_parquet_stream
@@ -98,7 +97,11 @@ def write_experiment(
         "name": experiment.name,
         "robot": experiment.robot.name if bundled else "robot.yaml",
         **_bodies(experiment),
-        "uncertainty": {**experiment.uncertainty, **_unmodelled(experiment)},
+        "uncertainty": {
+            **experiment.uncertainty,
+            **_of_lengths(experiment),
+            **_unmodelled(experiment),
+        },
         **experiment.surroundings.model_dump(
             mode="json", include={"attached", "drag"}, exclude_unset=True, exclude_none=True
         ),
@@ -108,7 +111,7 @@ def write_experiment(
                 mode="json", exclude_unset=True, exclude={"columns", "scale"}
             )
             for name, instrument in experiment.instruments.items()
-            if not isinstance(instrument, UnreadCables)
+            if not instrument.stands_in(experiment.robot.m)
         },
         "runs": runs,
     }
@@ -129,6 +132,12 @@ def _places(names: Sequence[str], what: str) -> list[str]:
         taken.add(place.casefold())
         places.append(place)
     return places
+
+
+def _of_lengths(experiment: Experiment) -> dict[str, float]:
+    """How constant lengths on locked winches are, where it is stated."""
+    noise = experiment.length_noise
+    return {} if noise is None else {"length_noise": noise}
 
 
 def _unmodelled(experiment: Experiment) -> dict[str, Any]:

@@ -321,6 +321,11 @@ class Instrument(FileModel, ABC):
         return self.per_cable and not self.is_force
 
     @property
+    def tells_stretch(self) -> bool:
+        """Whether it looks at how far cables stretch, whatever the robot file says of it."""
+        return False
+
+    @property
     def calibrates(self) -> str | None:
         """Name of the instrument whose errors its rows tell; None: they tell of the body."""
         return None

@@ -101,7 +101,8 @@ def motion_streams(
                 sigma,
                 quantity.unit,
                 order_of(instrument, quantity.name, experiment.robot),
-                quantity.determines,
+                # What nobody reads bridges no gap.
+                () if instrument.stands_in(experiment.robot.m) else quantity.determines,
                 looks_at_cables,
                 quantity.disturbed,
                 stream.mean_of,

@@ -16,6 +16,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.unread import without_constant_lengths
 from steelyard.identification.model.balance import balance_of
 from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.force_residuals import force_residuals, tally_forces
@@ -85,7 +86,8 @@ def fit_with_held_motion(
         NoBalanceError: Forces and motion cannot be balanced.
     """
     tell = progress or (lambda what, fraction: None)
-    dense = average_dense(experiment, settings.motion)
+    # How cables stretch, only a motion tells that follows what it carries.
+    dense = average_dense(without_constant_lengths(experiment), settings.motion)
     return sound(lambda: _posterior(dense, tell, held_out, settings))
 
 

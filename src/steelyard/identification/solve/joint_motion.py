@@ -41,7 +41,7 @@ from steelyard.identification.solve.misfits.suspicions import (
     with_suspicions,
     without_needless,
 )
-from steelyard.identification.solve.misfits.undisturbed_swings import undisturbed_swings
+from steelyard.identification.solve.misfits.undisturbed_swings import slowly, undisturbed_swings
 from steelyard.identification.solve.newton_step import step_of
 from steelyard.identification.solve.noise_levels import ratios_of, spent_by
 from steelyard.identification.solve.posterior import Posterior, Progress
@@ -305,14 +305,18 @@ def _with_tensions(fitted: Fitted) -> Fitted:
         follows = stretching and not bool(forces.touched.all())
         readings = []
         for each in segment.readings:
+            alone = False
             if each.tension is not None:
-                each = replace(each, follows=follows)
+                # Nobody reads what would let these follow more than a swing.
+                alone = task.experiment.instruments[each.source[0]].tells_stretch
+                each = replace(each, follows=follows and not alone)
             if each.tension is not None and not segment.static:
                 name, clock = each.source[0], each.time
                 times, *_ = time_of(
                     task.experiment, segment, state.calibration, references, name, clock
                 )
-                columns = [np.interp(times, at.time, column) for column in carried.T]
+                own = slowly(at.time, at.carried) if alone else carried
+                columns = [np.interp(times, at.time, column) for column in own.T]
                 each = replace(each, tension=np.column_stack(columns))
             readings.append(each)
         segments.append(replace(segment, readings=tuple(readings)))

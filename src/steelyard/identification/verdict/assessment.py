@@ -113,7 +113,15 @@ def _of_motion(
         ]
         stated = any(q.noise for q in own)
         what = f"{quantity.replace('_', ' ')} of {name}"
-        if stated and ratio**2 > settings.twice and (name, quantity) not in shaken:
+        instrument = posterior.experiment.instruments[name]
+        if instrument.stands_in(posterior.calibration.calibration_parameters.m):
+            if ratio**2 > settings.twice:
+                yield (
+                    f"cables change their lengths by {ratio:.1f} times 'length_noise' though winches"
+                    " are locked; leave the part in which winches turn or ropes slip out with"
+                    " 'window', or state a larger 'uncertainty: {length_noise: …}', or none"
+                )
+        elif stated and ratio**2 > settings.twice and (name, quantity) not in shaken:
             yield (
                 f"{what} departs from the motion that all instruments show by {ratio:.1f} times its"
                 " stated noise; check its axes, signs, units, 'sync' and 'noise'"

@@ -22,6 +22,7 @@ from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import TEN, body_jacobian
 from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.length import CABLE_DAMPING
+from steelyard.instruments.unread_cables import COMPLIANCE
 
 
 @dataclass(frozen=True)
@@ -231,6 +232,11 @@ def _proposal(owner: str, key: str) -> str:
             "gravity": "check the sign, size and direction of 'gravity' in the robot file",
             DRAG: "check 'linear_density' of the cables in the robot file",
         }[head]
+    if key == COMPLIANCE:
+        return (
+            "ropes seem softer than any; look for a winch that gives, or remove 'length_noise' from"
+            " 'uncertainty'"
+        )
     where = f"'instruments: {{{owner}: {{calibration: {{{key}: …}}}}}}'"
     return {
         "gain": f"check this sensor's gain and unit, or state a larger {where}",
