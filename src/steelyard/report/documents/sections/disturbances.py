@@ -9,6 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from steelyard.digits import figures, fixed
+from steelyard.instruments.unread_cables import CHANGE
 from steelyard.report.blocks.document import (
     Block,
     Figure,
@@ -30,7 +31,7 @@ _CAUSES: Mapping[str, str] = {
     "filter": "filter that follows the accelerometer",
 }
 _AXES = ("x", "y", "z")
-_PER_CABLE = frozenset({"tension", "length"})
+_PER_CABLE = frozenset({"tension", "length", CHANGE})
 """Quantities with a number for each cable."""
 
 
