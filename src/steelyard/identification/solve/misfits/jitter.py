@@ -176,7 +176,8 @@ def _scatterings(task: Task, state: FitState) -> Iterator[_Scattering]:
     sigmas: dict[Source, float] = {}
     for segment in state.segments:
         for reading in () if segment.static else segment.readings:
-            if task.experiment.instruments[reading.source[0]].commanded:
+            instrument = task.experiment.instruments[reading.source[0]]
+            if instrument.commanded or instrument.stands_in(task.experiment.robot.m):
                 continue
             residual, rate = _residual_and_rate(task, state, segment, reading)
             use = np.isfinite(residual).all(axis=1)
