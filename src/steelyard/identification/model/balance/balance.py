@@ -39,6 +39,9 @@ from steelyard.instruments.equations import follows_readings, solve_for
 from steelyard.instruments.tension import PRESLIDING, rolled_along
 from steelyard.robot.model import DIRECTIONS
 
+_LOUD = 1.3
+"""Factor of the noise of readings from which on they are louder than it is stated, or seen in them."""
+
 
 @dataclass(frozen=True, eq=False)
 class MeasuredForce:
@@ -122,8 +125,8 @@ class Balance:
     """What processes add to the readings, shape (n, r)."""
     unread: NDArray[np.bool_] | None = None
     """Readings of cables without a sensor, shape (r,); None: there are none."""
-    static: bool = False
-    """Whether each sample is a pose at rest."""
+    loud: bool = False
+    """Whether readings along a motion scatter more than is stated or seen in them."""
 
     @property
     def by_wrench(self) -> Array:
@@ -213,13 +216,14 @@ class Balance:
 
         The body and its motion say all of the others. These are as noisy as the readings, and where
         the noise of a reading is akin to that of another (mains, a common supply, a drive that shakes
-        the frame), it meets itself in the derivative by gains and crosstalk.
+        the frame), it meets itself in the derivative by gains and crosstalk. The very same where they
+        scatter as is stated: then all of it is told.
 
         Args:
             values: :attr:`carried` or :attr:`asked`.
         """
         structure = self.structure
-        if structure is None or structure.shape[2] <= DIRECTIONS or self.static:
+        if structure is None or structure.shape[2] <= DIRECTIONS or not self.loud:
             return values
         inverse = self.measured.unmodelled.reading
         balancing = np.einsum("nmk,nk->nm", inverse, self.measured.as_wrench(values))
@@ -317,7 +321,11 @@ def balance_at(
         disturbance,
         coloured,
         force_samples.unread,
-        segment.static,
+        not segment.static
+        and any(
+            factors.get(segment.label(force_samples.name, q), 1.0) > _LOUD
+            for q in force_samples.readings
+        ),
     )
 
 
