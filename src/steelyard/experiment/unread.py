@@ -50,8 +50,7 @@ def with_unread_cables(experiment: Experiment, *, every: bool = False) -> Experi
             carried = experiment if load is None else experiment.of_load(load)
             weight = usual_mass(carried) * gravity
             stream = _stream(run.streams[clock].time, weight, experiment.robot)
-            sync = {**run.sync, name: run.sync[clock]} if run.sync else {}
-            run = replace(run, streams={**run.streams, name: stream}, sync=sync)
+            run = _with_stream(run, name, stream, clock)
         runs.append(run)
     found = with_constant_lengths(replace(experiment, instruments=instruments, runs=tuple(runs)))
     if "mass" in found.known or not is_unread(found):
@@ -92,8 +91,7 @@ def with_constant_lengths(experiment: Experiment) -> Experiment:
             count = max(2, round((time[-1] - time[0]) * _CONSTANT) + 1)
             instants = np.linspace(time[0], time[-1], count)
             stream = Stream(instants, {CHANGE: np.zeros((count, robot.m))}, name)
-            sync = {**run.sync, name: run.sync[clock]} if run.sync else {}
-            run = replace(run, streams={**run.streams, name: stream}, sync=sync)
+            run = _with_stream(run, name, stream, clock)
         runs.append(run)
     return replace(experiment, instruments=instruments, runs=tuple(runs))
 
@@ -178,6 +176,12 @@ def _named(usual: str, instruments: dict[str, Instrument], own: Instrument) -> s
     """A name that is free, or is that of the very same instrument."""
     names = [usual, *(f"{usual} {i}" for i in range(2, len(instruments) + 3))]
     return next(n for n in names if n not in instruments or instruments[n] == own)
+
+
+def _with_stream(run: Run, name: str, stream: Stream, clock: str) -> Run:
+    """A run with a stream of a stand-in, on the clock of one of its instruments."""
+    sync = {**run.sync, name: run.sync[clock]} if run.sync else {}
+    return replace(run, streams={**run.streams, name: stream}, sync=sync)
 
 
 def _stream(time: Array, weight: float, robot: Robot) -> Stream:

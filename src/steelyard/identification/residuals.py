@@ -84,10 +84,7 @@ def residuals(
         state = replace(state, parameters=parameters)
     for run in experiment.runs:
         own = _parts_of(posterior, run)
-        if not own:
-            continue
-        if not all(forces.guessed.all() for _, forces in own):
-            yield from _forces(experiment, run, own, state)
+        yield from _forces(experiment, run, own, state)
         yield from _motion(experiment, run, own, state)
 
 
@@ -113,8 +110,7 @@ def of_forces(posterior: Posterior) -> Iterator[Residuals]:
     """
     for run in posterior.experiment.runs:
         own = _parts_of(posterior, run)
-        if own and not all(forces.guessed.all() for _, forces in own):
-            yield from _forces(posterior.experiment, run, own, posterior.fit.state)
+        yield from _forces(posterior.experiment, run, own, posterior.fit.state)
 
 
 def _parts_of(posterior: Posterior, run: Run) -> list[tuple[Segment, Forces]]:
@@ -149,8 +145,10 @@ def _forces(
     experiment: Experiment, run: Run, own: list[tuple[Segment, Forces]], state: FitState
 ) -> Iterator[Residuals]:
     """Wrench, then the readings of the force instrument against those nearest to them that balance
-    the motion.
+    the motion; nothing where nobody reads the forces.
     """
+    if all(forces.guessed.all() for _, forces in own):
+        return
     assert state.parameters is not None
     calibration, parameters, factors = state.calibration, state.parameters, state.factors
     parts: list[tuple[Segment, Forces, Balance]] = []

@@ -16,6 +16,8 @@ from steelyard.robot.model import Robot
 
 CHANGE = "change_of_length"
 """What locked winches read: nothing."""
+PER_CABLE = frozenset({"tension", "length", CHANGE})
+"""Quantities with a number for each cable."""
 COMPLIANCE = "compliance"
 """Key of 1 / EA of the cables of locked winches."""
 _SOFTEST = 1e-4

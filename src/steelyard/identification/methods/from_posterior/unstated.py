@@ -20,11 +20,9 @@ from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import Process
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.instruments.noise import Cause
-from steelyard.instruments.unread_cables import CHANGE
+from steelyard.instruments.unread_cables import PER_CABLE
 
 _AXES = "xyz"
-_PER_CABLE = frozenset({"tension", "length", CHANGE})
-"""Quantities with a number for each cable."""
 _MANY = 12
 """Numbers of one kind that are said one by one, at most: one for each of twelve cables."""
 _CAUSES: Mapping[Cause, str] = {
@@ -114,7 +112,7 @@ def _on_disturbances(disturbed: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             continue
         largest = each["largest"]
         when = f"largest {largest['value']:+.2g} {unit} at {largest['time']:.1f} s"
-        if each["quantity"] in _PER_CABLE:
+        if each["quantity"] in PER_CABLE:
             when += f" of cable {largest['component']}"
         elif len(each["root_mean_square"]) == len(_AXES):
             when += f" along {_AXES[largest['component'] - 1]}"

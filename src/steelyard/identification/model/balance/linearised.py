@@ -95,7 +95,9 @@ class BalancePoint:
 
     @cached_property
     def asked(self) -> Array:
-        """Tensions or wrench that the body asks for, shape (n, k)."""
+        """Tensions or wrench that the body asks for, as derivatives of the balance take them, shape (n,
+        k).
+        """
         return self.at.calmed(self.at.asked)
 
     def by_body(self, parameters: Array) -> Array:
@@ -233,7 +235,7 @@ class BalancePoint:
         gains = [places[key] for key in GAINS if key in places and self.asks(places[key])]
         if not gains:
             return
-        more = self.terms_of_readings(self.asked + 1.0)
+        more = self.terms_of_readings(self.at.asked + 1.0)
         for (place, change), (_, changed) in zip(terms, more, strict=True):
             if place in gains:
                 yield place, changed - change

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from steelyard.digits import figures, fixed
-from steelyard.instruments.unread_cables import CHANGE
+from steelyard.instruments.unread_cables import PER_CABLE
 from steelyard.report.blocks.document import (
     Block,
     Figure,
@@ -31,8 +31,6 @@ _CAUSES: Mapping[str, str] = {
     "filter": "filter that follows the accelerometer",
 }
 _AXES = ("x", "y", "z")
-_PER_CABLE = frozenset({"tension", "length", CHANGE})
-"""Quantities with a number for each cable."""
 
 
 def disturbances(summary: Summary) -> Section | None:
@@ -101,7 +99,7 @@ def _figure(each: DisturbanceTrack) -> Figure:
     """One of them over time."""
     unit = _unit(each)
     values = np.array(each.values) * unit.factor
-    per_cable = each.quantity in _PER_CABLE
+    per_cable = each.quantity in PER_CABLE
     names = [f"cable {i + 1}" for i in range(len(values))] if per_cable else _AXES[: len(values)]
     who = "platform" if _is_wrench(each) else each.owner
     quantity = words(each.quantity)
