@@ -11,6 +11,7 @@ import numpy as np
 
 from steelyard.errors import InfeasibleError, InputError
 from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.unread import without_constant_lengths
 from steelyard.identification.recursive.arrivals import Likeness
 from steelyard.identification.recursive.events import advanced
 from steelyard.identification.recursive.following import Following, at_beginning, spacing_of
@@ -47,6 +48,8 @@ def begin(
         NoBalanceError: Forces and motion cannot be fitted.
     """
     check_walk(experiment)
+    # How cables stretch is told by tensions of a motion that is there as a whole.
+    experiment = without_constant_lengths(experiment)
     run = next(each for each in experiment.runs if not each.static)
     start, end = span_of(experiment, run)
     length = own.begin
@@ -137,6 +140,7 @@ def follow(
         InputError: A run lacks what the fit needs.
         NoBalanceError: Forces and motion cannot be fitted.
     """
+    experiment = without_constant_lengths(experiment)
     moving = [each for each in experiment.runs if not each.static]
     found = begin(experiment, tell, settings, own)
     for i, run in enumerate(moving):
