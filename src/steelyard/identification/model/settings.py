@@ -130,6 +130,8 @@ class MotionSettings:
     shaken: float = 3.0
     """Scatter of rates and accelerations about a spline of their own, over their stated noise, from
     which on a drive or the frame shakes the sensor: a fit begins with that scatter."""
+    humming: float = 2.0
+    """The same of forces from one sample to the next."""
     most_shaken: float = 300.0
     """The same at most: no drive shakes a platform by a g for good, and what scatters more beside its
     stated noise has that in another unit."""

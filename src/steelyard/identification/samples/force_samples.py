@@ -13,8 +13,10 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.balance import UNMODELLED, Forces
 from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.processes import unresolved
+from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.force_noise import force_sigma, least_sigma
+from steelyard.identification.samples.motion_noise import LEAST_RAPID, rapid_scatter
 from steelyard.identification.samples.preparation import Samples
 from steelyard.robot.model import DIRECTIONS
 
@@ -84,6 +86,25 @@ def with_unresolved(experiment: Experiment, forces: Forces, spacing: float) -> F
         [np.full(q.size, unresolved(q.disturbed, spacing, step)) for q in quantities]
     )
     return replace(forces, sigma=np.hypot(forces.sigma, further))
+
+
+def louder_forces(forces: Forces, settings: MotionSettings = MOTION) -> dict[str, float]:
+    """Quantity -> by how much its readings scatter more than their noise from one sample to the next,
+    as those of an amplifier that picks up a hum do; without those of which it is not much.
+
+    Args:
+        forces: Of a run in motion.
+        settings: What is much.
+    """
+    found = {}
+    for quantity, own in forces.places.items():
+        kept = np.where(forces.left_out[:, own], np.nan, forces.readings[quantity])
+        if len(kept) < LEAST_RAPID:
+            continue
+        factor = rapid_scatter(kept) / float(forces.sigma[own.start])
+        if settings.humming <= factor <= settings.most_shaken:
+            found[quantity] = factor
+    return found
 
 
 def least_forces(experiment: Experiment, run: Run) -> dict[Source, float]:

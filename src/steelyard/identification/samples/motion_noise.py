@@ -13,6 +13,8 @@ _THIRD = float(np.sqrt(20.0))
 """1-sigma of third differences of white noise of 1-sigma one."""
 _NORMAL = 0.6745
 """Median of the size of a standard normal number."""
+LEAST_RAPID = 4
+"""Readings that have a third difference."""
 _FLICKER = 3
 """Values that an encoder at rest may read: its count and those beside it."""
 
@@ -69,7 +71,7 @@ def rapid_scatter(values: Array) -> float:
     what changes slowly does not count.
 
     Args:
-        values: Shape (n, k), n at least 4.
+        values: Shape (n, k), n at least :data:`LEAST_RAPID`.
     """
     return float(np.nanmax(by_differences(np.diff(values, 3, axis=0))))
 

@@ -23,10 +23,12 @@ from steelyard.identification.samples.faulty_stretches import without_jumps, wit
 from steelyard.identification.samples.force_samples import (
     force_samples_of,
     least_forces,
+    louder_forces,
     with_unresolved,
 )
 from steelyard.identification.samples.knot_spacing import chosen_spacing, closest_spacing
 from steelyard.identification.samples.motion_noise import (
+    LEAST_RAPID,
     least_noise,
     rapid_scatter,
     scatter,
@@ -226,6 +228,10 @@ def _moving(
         own = with_unresolved(experiment, own, spacing)
         if coefficients is None or not readings or not len(own.time):
             continue
+        # What the motion instruments feel too is a vibration, for finer knots to follow.
+        if not any(stream.source in louder for stream in streams):
+            for quantity, factor in louder_forces(own, settings).items():
+                louder[own.name, quantity] = max(louder.get((own.name, quantity), 1.0), factor)
         segments.append(
             Segment(
                 run.name,
@@ -268,7 +274,7 @@ def _shaken(
         settings: What is much.
     """
     values = stream.values[use]
-    if len(values) < 4 or rapid_scatter(values) < settings.shaken * sigma:
+    if len(values) < LEAST_RAPID or rapid_scatter(values) < settings.shaken * sigma:
         return 1.0
     found = scatter(stream.common[use], values, *grid, settings)
     if found is None or not settings.shaken <= found / sigma <= settings.most_shaken:
