@@ -16,7 +16,13 @@ from simulated import BODY, EXACT, ROBOT
 
 from steelyard.experiment.model import Experiment, Run, Stream
 from steelyard.experiment.surroundings import Surroundings
-from steelyard.identification.model.balance import UNMODELLED_PARTS, Forces, balance, balance_of
+from steelyard.identification.model.balance import (
+    UNMODELLED_PARTS,
+    Forces,
+    ReadingChanges,
+    balance,
+    balance_of,
+)
 from steelyard.identification.model.calibration_parameters import (
     DRAG,
     CalibrationValues,
@@ -166,7 +172,8 @@ class Case:
         self.changes = None
         if filtered:
             readings = sum(each.size for each in instrument.quantities(self.robot.m))
-            self.changes = rng.normal(size=(2, n, readings)) * [[[2e3]], [[2e4]]]
+            changes = rng.normal(size=(2, n, readings)) * [[[2e3]], [[2e4]]]
+            self.changes = ReadingChanges(np.tile(changes, (4, 1, 1, 1)), 0.01)
         self.parameters = BODY.parameters
         if self.robot.m:
             guess = {"tension": 700 + 150 * rng.normal(size=(n, self.robot.m))}

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from steelyard.identification.model.balance.amplifier_filter import (
+    ReadingChanges as ReadingChanges,
+)
 from steelyard.identification.model.balance.balance import Balance as Balance
 from steelyard.identification.model.balance.balance import MeasuredForce as MeasuredForce
 from steelyard.identification.model.balance.balance import balance_at as balance_at
@@ -18,9 +21,6 @@ from steelyard.identification.model.balance.force_readings import (
     UNMODELLED_PARTS as UNMODELLED_PARTS,
 )
 from steelyard.identification.model.balance.force_readings import Forces as Forces
-from steelyard.identification.model.balance.force_readings import (
-    smoothed_by_filter as smoothed_by_filter,
-)
 from steelyard.identification.model.balance.force_readings import undisturbed as undisturbed
 from steelyard.identification.model.balance.force_readings import unfiltered as unfiltered
 from steelyard.identification.model.balance.moving_body import MovingAt as MovingAt

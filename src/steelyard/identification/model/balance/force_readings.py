@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.identification.model.balance.slopes import slopes
+from steelyard.identification.model.balance.amplifier_filter import ReadingChanges
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
 )
@@ -57,9 +57,9 @@ class Forces:
     unread: NDArray[np.bool_] | None = None
     """Readings of cables without a sensor, whose values are a guess, shape (r,); None: there are
     none."""
-    changes: Array | None = None
-    """Second and third derivative of the readings, which say what a filter has smoothed [N/s^2],
-    [N/s^3] and of torques, shape (2, n, r); None: not looked at, as of poses at rest."""
+    changes: ReadingChanges | None = None
+    """How fast the readings change, which says what a filter has smoothed; None: not looked at, as of
+    poses at rest."""
 
     @property
     def touched(self) -> NDArray[np.bool_]:
@@ -96,7 +96,7 @@ class Forces:
             readings={quantity: values[own] for quantity, values in self.readings.items()},
             left_out=self.left_out[own],
             late=None if self.late is None else self.late[own],
-            changes=None if self.changes is None else self.changes[:, own],
+            changes=None if self.changes is None else self.changes.at(own),
         )
 
     def means(self, many: int) -> Forces:
@@ -123,7 +123,7 @@ class Forces:
             readings={quantity: mean(values) for quantity, values in self.readings.items()},
             left_out=left_out,
             late=None if self.late is None else mean(self.late),
-            changes=None if self.changes is None else np.stack([mean(c) for c in self.changes]),
+            changes=None if self.changes is None else self.changes.means(mean),
         )
 
     def with_changes(self) -> Forces:
@@ -132,8 +132,7 @@ class Forces:
         for column, lost in zip(whole.T, self.left_out.T, strict=True):
             if lost.any() and not lost.all():
                 column[lost] = np.interp(self.time[lost], self.time[~lost], column[~lost])
-        second = slopes(self.time, slopes(self.time, whole))
-        return replace(self, changes=np.stack([second, slopes(self.time, second)]))
+        return replace(self, changes=ReadingChanges.of(self.time, whole))
 
     def leaving_out(self, left_out: NDArray[np.bool_]) -> Forces:
         """With other readings left out.
@@ -194,25 +193,9 @@ def unfiltered(force_samples: Forces, constant: float) -> Forces:
     """
     if force_samples.changes is None or constant == 0.0:
         return force_samples
-    smoothed = smoothed_by_filter(force_samples.changes, constant)
+    smoothed = force_samples.changes.added(constant)
     readings = {
         quantity: values - smoothed[:, force_samples.places[quantity]]
         for quantity, values in force_samples.readings.items()
     }
     return replace(force_samples, readings=readings)
-
-
-def smoothed_by_filter(changes: Array, constant: float, order: int = 0) -> Array:
-    """What a first-order filter adds to readings beside its delay: ``(s T)^2 / 2 - (s T)^3 / 3`` of
-    them, since ``exp(-s T) (1 + s T) = 1 - (s T)^2 / 2 + (s T)^3 / 3 - ...``; the delay is in
-    :func:`balance_times`. Shape (n, r).
-
-    Args:
-        changes: Of :class:`Forces`, shape (2, n, r).
-        constant: Time constant T of the filter [s].
-        order: Of the derivative by T.
-    """
-    by_second, by_third = (
-        (constant**2 / 2, constant**3 / 3) if order == 0 else (constant, constant**2)
-    )
-    return np.asarray(by_second * changes[0] - by_third * changes[1])

@@ -19,7 +19,6 @@ from steelyard.identification.model.balance import (
     Forces,
     balance_at,
     moving_at,
-    smoothed_by_filter,
     time_constant,
     unmodelled_processes,
 )
@@ -302,7 +301,7 @@ class BalancePoint:
         constant = time_constant(self.experiment, self.segment, forces, self.calibration)
         if forces.changes is None or constant == 0.0:
             return np.zeros((len(forces.time), DIRECTIONS, 1))
-        by_constant = smoothed_by_filter(forces.changes, constant, order=1)
+        by_constant = forces.changes.added_by_constant(constant)
         return np.asarray(-self.at.by_reading @ by_constant[:, :, None])
 
 

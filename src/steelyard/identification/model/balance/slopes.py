@@ -16,19 +16,20 @@ _INSTANT = 1e-4
 """Samples closer than this are of one instant [s]: means of dense streams are a millisecond apart."""
 
 
-def slopes(time: Array, values: Array) -> Array:
+def slopes(time: Array, values: Array, around: float = AROUND) -> Array:
     """How fast something changes, by lines through what was read about each time and at least its
     neighbours, shape (n, m).
 
     Args:
         time: Ascending [s], shape (n,).
         values: Shape (n, m).
+        around: Half the time over which it is looked at [s].
     """
     n = len(time)
     if n < 2:
         return np.zeros_like(values)
     own = np.arange(n)
-    first, last = _about(time)
+    first, last = _about(time, around)
     first, last = (
         np.minimum(first, np.maximum(own - 1, 0)),
         np.maximum(last, np.minimum(own + 2, n)),
@@ -44,12 +45,12 @@ def smoothed(time: Array, values: Array) -> Array:
         time: Ascending [s], shape (n,).
         values: Shape (n, m).
     """
-    return _lines(time, values, *_about(time))[0]
+    return _lines(time, values, *_about(time, AROUND))[0]
 
 
-def _about(time: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _about(time: Array, around: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """First sample about each time, and first one after these, shape (n,) each."""
-    return np.searchsorted(time, time - AROUND), np.searchsorted(time, time + AROUND, side="right")
+    return np.searchsorted(time, time - around), np.searchsorted(time, time + around, side="right")
 
 
 def _lines(

@@ -1,0 +1,89 @@
+"""What the first-order filter of a force amplifier smooths, told by how its readings change.
+
+Of a reading the filter leaves ``1 / (1 + s T)``. Its delay is in the time at which the balance looks at
+the motion (:func:`.balance_times`); what it adds beside is ``(s T)^2 / 2 - (s T)^3 / 3`` of the
+readings, since ``exp(-s T) (1 + s T) = 1 - (s T)^2 / 2 + (s T)^3 / 3 - ...``.
+
+The closer the samples are by which a change is looked at, the faster are the changes that are seen (a
+cable that goes slack or comes taut within some hundredths of a second), and the more noise is seen
+with them. The readings are corrected by changes over as short a time as their noise allows. Derivatives
+by the time constant are those over the longest: their noise is next to none, and does not meet that of
+the readings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.arrays import Array
+from steelyard.identification.model.balance.slopes import AROUND, slopes
+
+_AROUND = AROUND * 2.0 ** -np.arange(4)
+"""Half the times over which changes are looked at, the longest first [s]."""
+_NOISE = 0.05
+"""Part of their own noise by which corrected readings may be noisier."""
+
+_FASTEST = 2.0
+"""Half the time over which changes are looked at, in time constants of the filter, at least."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingChanges:
+    """How fast readings change, to the third order, as is seen over times of several lengths."""
+
+    values: Array
+    """Second and third derivatives over each time, the longest first [N/s^2], [N/s^3] and of torques,
+    shape (w, 2, n, r)."""
+    step: float
+    """Between the samples by which they are seen [s]."""
+
+    @classmethod
+    def of(cls, time: Array, readings: Array) -> ReadingChanges:
+        """Of readings.
+
+        Args:
+            time: Ascending [s], shape (n,).
+            readings: Shape (n, r).
+        """
+
+        def over(around: float) -> Array:
+            second = slopes(time, slopes(time, readings, around), around)
+            return np.stack([second, slopes(time, second, around)])
+
+        step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+        return cls(np.stack([over(float(around)) for around in _AROUND]), step)
+
+    def at(self, own: slice | NDArray[np.bool_]) -> ReadingChanges:
+        """At some of the samples."""
+        return replace(self, values=self.values[:, :, own])
+
+    def means(self, mean: Callable[[Array], Array]) -> ReadingChanges:
+        """With means over samples in place of each, as a function of shape (n, r) makes them."""
+        return replace(self, values=np.stack([[mean(c) for c in each] for each in self.values]))
+
+    def added(self, constant: float) -> Array:
+        """What a filter of this time constant T [s] adds to readings beside its delay, shape (n, r)."""
+        second, third = np.tensordot(self._weights(constant), self.values, axes=1)
+        return np.asarray(constant**2 / 2 * second - constant**3 / 3 * third)
+
+    def added_by_constant(self, constant: float) -> Array:
+        """The derivative of :meth:`added` by the time constant, over the longest times, shape (n,
+        r).
+        """
+        second, third = self.values[0]
+        return np.asarray(constant * second - constant**2 * third)
+
+    def _weights(self, constant: float) -> Array:
+        """Of what is seen over each time, shape (w,): of the two next to the shortest that noise
+        allows, so that what is added has no step along the time constant.
+        """
+        # A second derivative by lines over h on either side has 3 dt / (2 h^3) of each sample in
+        # itself; of what is faster than the filter itself the series says nothing.
+        by_noise = np.cbrt(3 * self.step * constant**2 / (4 * _NOISE))
+        shortest = max(float(by_noise), _FASTEST * constant)
+        place = np.log2(AROUND / max(shortest, _AROUND[-1]))
+        return np.asarray(np.maximum(0.0, 1 - np.abs(np.arange(len(_AROUND)) - max(place, 0.0))))
