@@ -17,7 +17,7 @@ LAYERS = [
     {"tables"},
     {"rotations", "inertia"},
     {"dynamics", "smoothing", "spectra"},
-    {"yaml_file"},
+    {"files"},
     {"json_file", "output"},
     {"logs"},
     {"robot"},

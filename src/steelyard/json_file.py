@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 
 from steelyard.display import steers
 from steelyard.errors import InputError
-from steelyard.yaml_file import require_file
+from steelyard.files.regular_file import require_file
 
 _LARGEST_FILE = 32 << 20
 """Bytes: a report of an hour has a fifth of it."""

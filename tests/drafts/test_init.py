@@ -14,8 +14,8 @@ from steelyard.drafts.columns import claims_of
 from steelyard.drafts.scales import time_unit
 from steelyard.drafts.text import scalar
 from steelyard.experiment.read import read_experiment
+from steelyard.files.yaml_file import read_yaml
 from steelyard.robot.file import read_robot
-from steelyard.yaml_file import read_yaml
 
 AXES = "xyz"
 EIGHT = range(1, 9)

@@ -12,9 +12,9 @@ from recordings import write_small
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.schema import schema
+from steelyard.files.yaml_file import read_yaml
 from steelyard.instruments import AnyInstrument
 from steelyard.robot.file import bundled_names, read_robot
-from steelyard.yaml_file import read_yaml
 
 KINDS = (
     "tension",

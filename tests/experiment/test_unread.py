@@ -8,8 +8,8 @@ from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.unread import LOCKED, UNREAD, is_unread, with_constant_lengths
 from steelyard.experiment.write import write_experiment
+from steelyard.files.yaml_file import to_yaml
 from steelyard.instruments.unread_cables import CHANGE
-from steelyard.yaml_file import to_yaml
 
 POSE = {"kind": "pose", "noise": {"position": 3e-4, "rotation": 5e-4}}
 

@@ -16,11 +16,11 @@ from steelyard.errors import InputError
 from steelyard.exports.exported import read_exported
 from steelyard.exports.formats import export
 from steelyard.exports.hanging import ASSUMED_STRAIN, hang
+from steelyard.files.yaml_file import to_yaml
 from steelyard.inertia import Inertia
 from steelyard.robot import cable
 from steelyard.robot.file import read_robot, robot_file
 from steelyard.simulation.forward_dynamics import CablePlatform
-from steelyard.yaml_file import to_yaml
 
 pytestmark = pytest.mark.mujoco
 

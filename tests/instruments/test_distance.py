@@ -16,6 +16,7 @@ from steelyard.clocks.offsets import joined
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.schema import schema
+from steelyard.files.yaml_file import read_yaml
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.inspection.agreements.excerpt import excerpts
 from steelyard.inspection.agreements.judgement import judged
@@ -24,7 +25,6 @@ from steelyard.inspection.mistakes.search import mistakes
 from steelyard.instruments import Distance
 from steelyard.instruments.equations import linearised, predict, term_columns
 from steelyard.motion.state import State
-from steelyard.yaml_file import read_yaml
 
 N = 9
 DIFFERENCE = 1e-6  # step of central differences

@@ -8,9 +8,9 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.calibration.calibrate import GeometryCalibration
+from steelyard.files.yaml_file import to_yaml
 from steelyard.robot.covariance import POINTS
 from steelyard.robot.file import robot_file
-from steelyard.yaml_file import to_yaml
 
 COVARIANCE = "robot.covariance.csv"
 """Table that the robot file names."""

@@ -18,8 +18,8 @@ from urllib.parse import urlsplit
 
 from steelyard.errors import InputError
 from steelyard.experiment.form import RUN_KEYS
+from steelyard.files.yaml_file import read_yaml
 from steelyard.robot.file import bundled_names
-from steelyard.yaml_file import read_yaml
 
 _SCHEME = "://"
 _COPIES = "steelyard-copy-"

@@ -26,10 +26,12 @@ from steelyard.estimates.named_estimate import (
     shortened,
 )
 from steelyard.estimates.per_mass import PER_MASS_PARAMETERS, PerMass
+from steelyard.files.document import YamlDocument
+from steelyard.files.file_model import FileModel, validate
+from steelyard.files.regular_file import require_file
 from steelyard.inertia import BODY_PARAMETERS, Inertia, six
 from steelyard.json_file import read_json
 from steelyard.output import settle
-from steelyard.yaml_file import FileModel, YamlDocument, require_file, validate
 
 ALL = "all"
 """Stands for every method of a file."""

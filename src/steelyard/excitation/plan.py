@@ -7,10 +7,10 @@ from pathlib import Path
 
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_plan
+from steelyard.files.yaml_file import read_yaml
 from steelyard.robot.file import bundled_names, read_robot
 from steelyard.robot.model import Robot
 from steelyard.simulation.sensors import Sensors, read_sensors
-from steelyard.yaml_file import read_yaml
 
 
 def planned(

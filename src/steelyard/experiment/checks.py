@@ -22,9 +22,9 @@ from steelyard.experiment.loads import (
 )
 from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.unread import is_unread
+from steelyard.files.document import YamlDocument
 from steelyard.instruments import Instrument
 from steelyard.robot.model import DIRECTIONS, Robot
-from steelyard.yaml_file import YamlDocument
 
 _FEWEST_SAMPLES = 10
 """Force samples in the common time of a run: fewer determine no body."""

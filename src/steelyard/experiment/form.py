@@ -14,9 +14,9 @@ from steelyard.experiment.surroundings import (
     Surroundings,
     Unmodelled,
 )
+from steelyard.files.file_model import FileModel
 from steelyard.instruments import AnyInstrument
 from steelyard.robot.file import PlatformForm
-from steelyard.yaml_file import FileModel
 
 FORMAT = "steelyard/1"
 Vector = tuple[float, float, float]

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 from steelyard.experiment.form import AddedBodyForm, KnownBodyForm, LoadForm
 from steelyard.experiment.model import Load
+from steelyard.files.document import YamlDocument
 from steelyard.inertia import Inertia
 from steelyard.robot.file import PlatformForm, body_of_form
-from steelyard.yaml_file import YamlDocument
 
 _NAME = re.compile(r"\w[\w \-]*")
 """Names of loads: they stand behind '#' and in names of differences."""

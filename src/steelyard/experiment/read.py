@@ -29,11 +29,13 @@ from steelyard.experiment.read_run import read_run
 from steelyard.experiment.tables.dead_weights import with_weights_apart
 from steelyard.experiment.tables.seen_frequencies import with_frequencies_apart
 from steelyard.experiment.unread import with_unread_cables
+from steelyard.files.document import YamlDocument, require_printable
+from steelyard.files.file_model import validate
+from steelyard.files.yaml_file import read_yaml
 from steelyard.logs.log import Log
 from steelyard.processes.forked import check_not_forked
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import YamlDocument, read_yaml, require_printable, validate
 
 
 def read_experiment(path: str | Path, *, weighed: bool = True) -> Experiment:

@@ -14,9 +14,9 @@ from steelyard.experiment.form import (
 )
 from steelyard.experiment.model import Fault, Run
 from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
+from steelyard.files.document import YamlDocument
 from steelyard.logs.log import Log, NoRowsError
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import YamlDocument
 
 _BESIDE = 5.0
 """Of a stream beside the window of its run that is read along [s]: clocks may differ by their

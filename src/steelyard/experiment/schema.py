@@ -17,9 +17,9 @@ from pydantic.json_schema import GenerateJsonSchema
 
 from steelyard.experiment.form import RUN_KEYS, ExperimentForm, KnownMassForm, RunForm, StreamForm
 from steelyard.experiment.surroundings import DragForm, KnownForm
+from steelyard.files.file_model import FileModel
 from steelyard.instruments.base import Prior
 from steelyard.robot.file import RobotForm
-from steelyard.yaml_file import FileModel
 
 Which = Literal["experiment", "robot"]
 _ROOTS: Mapping[Which, type[BaseModel]] = {"experiment": ExperimentForm, "robot": RobotForm}

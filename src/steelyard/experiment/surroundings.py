@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
-from steelyard.yaml_file import FileModel
+from steelyard.files.file_model import FileModel
 
 NotNegative = Annotated[float, Field(ge=0)]
 

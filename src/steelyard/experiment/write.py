@@ -16,12 +16,12 @@ from steelyard.experiment.form import FORMAT
 from steelyard.experiment.model import Experiment, Stream
 from steelyard.experiment.tables.dead_weights import with_weights_together
 from steelyard.experiment.tables.seen_frequencies import with_frequencies_together
+from steelyard.files.yaml_file import to_yaml
 from steelyard.instruments import Instrument
 from steelyard.output import write_file
 from steelyard.robot.covariance import write_covariance
 from steelyard.robot.file import bundled_names, platform_values, read_robot, robot_file
 from steelyard.tables import to_polars
-from steelyard.yaml_file import to_yaml
 
 TableFormat = Literal["csv", "parquet"]
 """How streams are written."""

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from steelyard.errors import InputError
+from steelyard.files.document import YamlDocument
 from steelyard.imports.description import Cable, Convention, Description, Point
 from steelyard.imports.imported import Imported
 from steelyard.imports.nominal_body import nominal_body
 from steelyard.imports.sources import printable
 from steelyard.robot.file import platform_values, robot_file, robot_of
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import YamlDocument
 
 _GRAVITY = 9.81
 """Of robot files that do not say [m/s^2]."""

@@ -18,10 +18,11 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from steelyard.arrays import Array
+from steelyard.files.document import YamlDocument
+from steelyard.files.file_model import validate
 from steelyard.imports.description import Cable, DescribedBody, Description, Vector
 from steelyard.imports.sources import ForeignModel, Matrix, Source, only_document, unread
 from steelyard.rotations import is_rotation
-from steelyard.yaml_file import YamlDocument, validate
 
 NAME = "cdpyr"
 

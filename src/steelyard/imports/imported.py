@@ -8,10 +8,10 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
+from steelyard.files.yaml_file import to_yaml
 from steelyard.imports.description import Convention
 from steelyard.imports.sources import printable
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import to_yaml
 
 _WIDTH = 120
 """Characters of a line of the comment in the robot file."""

@@ -18,9 +18,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from steelyard.files.document import YamlDocument
+from steelyard.files.file_model import validate
 from steelyard.imports.description import Cable, DescribedBody, Description, Vector
 from steelyard.imports.sources import Column, ForeignModel, Matrix, Source, only_document, unread
-from steelyard.yaml_file import YamlDocument, validate
 
 NAME = "IRMA JSON"
 

@@ -14,9 +14,10 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
+from steelyard.files.document import YamlDocument
+from steelyard.files.file_model import validate
 from steelyard.imports.description import Cable, Convention, DescribedBody, Description, Vector
 from steelyard.imports.sources import ForeignModel, Source, only_document, unread
-from steelyard.yaml_file import YamlDocument, validate
 
 NAME = "ROS-style YAML"
 

@@ -12,10 +12,13 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from steelyard import display
 from steelyard.errors import InputError
+from steelyard.files.document import YamlDocument
+from steelyard.files.file_model import FileModel
+from steelyard.files.regular_file import require_file
+from steelyard.files.yaml_file import read_yaml
 from steelyard.imports.description import Vector
 from steelyard.imports.text_file import ENDINGS, TextFile, read_lines
 from steelyard.imports.xml_file import Element, read_xml
-from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, require_file
 
 Source = Element | YamlDocument | TextFile
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from steelyard.errors import InputError
-from steelyard.yaml_file import read_text
+from steelyard.files.regular_file import read_text
 
 ENDINGS = (".g", ".gcode", ".cfg")
 

@@ -12,8 +12,8 @@ from typing import NoReturn
 from xml.parsers import expat
 
 from steelyard.errors import InputError
+from steelyard.files.regular_file import require_file
 from steelyard.imports.description import Vector
-from steelyard.yaml_file import require_file
 
 _LARGEST_FILE = 2**22
 """Bytes: models of robots have a hundredth of it."""

@@ -26,10 +26,10 @@ from scipy.spatial.transform import Rotation
 from steelyard import rotations
 from steelyard.arrays import Array
 from steelyard.batch import Symbol
+from steelyard.files.file_model import FileModel
 from steelyard.instruments.noise import Disturbance, Sigma
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import FileModel
 
 Vector = tuple[float, float, float]
 Part = Literal["position", "rotation"]

@@ -11,6 +11,7 @@ from pydantic import field_validator
 
 from steelyard.arrays import Array
 from steelyard.batch import Symbol
+from steelyard.files.file_model import FileModel
 from steelyard.instruments.base import (
     Calibration,
     Instrument,
@@ -24,7 +25,6 @@ from steelyard.instruments.base import (
 from steelyard.instruments.noise import Noise, white_part, with_colored_part
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import FileModel
 
 
 class PlaneForm(FileModel):

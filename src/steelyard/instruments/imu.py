@@ -10,6 +10,7 @@ import casadi as ca
 from steelyard import rotations
 from steelyard.batch import Symbol
 from steelyard.dynamics import point_specific_force
+from steelyard.files.file_model import FileModel
 from steelyard.instruments.base import (
     ORIENTATION_FORMS,
     Calibration,
@@ -35,7 +36,6 @@ from steelyard.instruments.noise import (
 )
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import FileModel
 
 _POOR_SCALE = 0.02
 """1-sigma of the scale of cheap sensors, as their data sheets state it."""

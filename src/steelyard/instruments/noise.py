@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Discriminator, Field, Tag
 
-from steelyard.yaml_file import FileModel
+from steelyard.files.file_model import FileModel
 
 _LEAST_SIGMA = 1e-30
 """In any unit: squares of smaller ones, and of what is divided by them, leave the range of numbers."""

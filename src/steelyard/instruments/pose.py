@@ -8,6 +8,7 @@ from typing import Literal
 import casadi as ca
 
 from steelyard.batch import Symbol
+from steelyard.files.file_model import FileModel
 from steelyard.instruments.base import (
     ORIENTATION_FORMS,
     Calibration,
@@ -25,7 +26,6 @@ from steelyard.instruments.noise import Noise, Sigma, reacquired, white_part, wi
 from steelyard.instruments.position import FrameCalibration, frame_terms, tracker_frame
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import FileModel
 
 
 class PoseNoise(FileModel):

@@ -8,6 +8,7 @@ from typing import Literal
 import casadi as ca
 
 from steelyard.batch import Symbol
+from steelyard.files.file_model import FileModel
 from steelyard.instruments.base import (
     Calibration,
     FrameForm,
@@ -24,7 +25,6 @@ from steelyard.instruments.base import (
 from steelyard.instruments.noise import Noise, Sigma, reacquired, white_part, with_colored_part
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import FileModel
 
 
 class FrameCalibration(FileModel):

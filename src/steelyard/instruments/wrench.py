@@ -8,6 +8,7 @@ from typing import ClassVar, Literal
 import casadi as ca
 
 from steelyard.batch import Symbol
+from steelyard.files.file_model import FileModel
 from steelyard.instruments.base import (
     Choice,
     ForceCalibration,
@@ -23,7 +24,6 @@ from steelyard.instruments.base import (
 from steelyard.instruments.noise import Noise, drift, white_part, with_colored_part
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import FileModel
 
 _FROM_DATA = Prior.model_construct(value=None, sigma=None, per="experiment")
 

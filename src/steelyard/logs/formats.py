@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from steelyard.errors import InputError
+from steelyard.files.regular_file import require_file
 from steelyard.logs import parquet
 from steelyard.logs.arrays import hdf5, matlab, npz, tdms
 from steelyard.logs.arrays.nested import Arrays
@@ -19,7 +20,6 @@ from steelyard.logs.messages.topic_table import log_of_topic
 from steelyard.logs.text import reader as text
 from steelyard.logs.text.plain import readable
 from steelyard.plugins.provided import provided
-from steelyard.yaml_file import require_file
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
-from steelyard.yaml_file import read_yaml
+from steelyard.files.yaml_file import read_yaml
 
 LIBRARIES = ("numpy", "scipy", "casadi", "clarabel", "polars")
 """Those that the numbers depend on."""

@@ -12,10 +12,12 @@ import numpy as np
 from pydantic import Field
 
 from steelyard.errors import InputError
+from steelyard.files.document import YamlDocument, require_printable
+from steelyard.files.file_model import FileModel, validate
+from steelyard.files.yaml_file import read_yaml
 from steelyard.inertia import BODY_PARAMETERS, Inertia, six, symmetric
 from steelyard.robot.covariance import read_covariance
 from steelyard.robot.model import CableProperties, Limits, Robot
-from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, require_printable, validate
 
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]

@@ -15,9 +15,11 @@ from steelyard.errors import InputError
 from steelyard.experiment.form import LoadForm
 from steelyard.experiment.loads import check_loads, loads_of_forms
 from steelyard.experiment.model import Load
+from steelyard.files.document import YamlDocument, require_printable
+from steelyard.files.file_model import FileModel, validate
+from steelyard.files.yaml_file import read_yaml
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, require_printable, validate
 
 _DENSITY = 7800.0
 """Of a weighed body of which only mass and place are stated [kg/m^3]: a ball of steel."""

@@ -13,10 +13,12 @@ from pydantic import Field
 
 from steelyard.errors import InputError, WrongValueError
 from steelyard.experiment.checks import check_instruments
+from steelyard.files.document import YamlDocument, require_printable
+from steelyard.files.file_model import FileModel, validate
+from steelyard.files.yaml_file import read_yaml
 from steelyard.instruments import AnyInstrument, Instrument
 from steelyard.instruments.base import exact, is_absent, sigma
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import FileModel, YamlDocument, read_yaml, require_printable, validate
 
 
 class SensorsForm(FileModel):

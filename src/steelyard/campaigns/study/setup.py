@@ -15,6 +15,7 @@ from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.write import write_yaml
+from steelyard.files.yaml_file import read_yaml
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.model.fitted_motion import RATE, FittedMotion
@@ -25,7 +26,6 @@ from steelyard.robot.model import Robot
 from steelyard.simulation.sensors import read_sensors
 from steelyard.simulation.trajectories import trajectories
 from steelyard.smoothing import Samples1D, fit
-from steelyard.yaml_file import read_yaml
 
 BASIS = "basis"
 """Folder with the description of an experiment that is simulated."""

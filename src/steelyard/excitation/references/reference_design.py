@@ -34,6 +34,7 @@ from steelyard.excitation.settings import DEFAULT, DesignSettings
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.unread import is_unread
+from steelyard.files.yaml_file import read_yaml
 from steelyard.identification.methods.fall_back import fit_that_arrives
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.posterior import Posterior, Progress
@@ -43,7 +44,6 @@ from steelyard.motion.trajectory import Sampled, Trajectory
 from steelyard.robot.model import Robot
 from steelyard.simulation.sensors import Sensors
 from steelyard.simulation.trajectories import trajectories
-from steelyard.yaml_file import read_yaml
 
 USUAL_SIGMA = 0.01
 """To which a reference is weighed [kg]."""

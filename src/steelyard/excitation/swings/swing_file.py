@@ -11,9 +11,9 @@ from steelyard.estimates.estimate import plain
 from steelyard.estimates.per_mass import PER_MASS_PARAMETERS, PerMass
 from steelyard.excitation.swings.candidate_swings import Swing
 from steelyard.excitation.swings.swing_design import CableSet, SwingDesign
+from steelyard.files.yaml_file import to_yaml
 from steelyard.output import write_file, write_json
 from steelyard.robot.file import robot_file
-from steelyard.yaml_file import to_yaml
 
 FORMAT = "steelyard-swings/1"
 RESULT = "swings.json"

@@ -14,11 +14,12 @@ from steelyard.experiment.form import FORMAT, RUN_KEYS, ExperimentForm
 from steelyard.experiment.memory.frame_log import Frame, frame_log
 from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.read import assembled
+from steelyard.files.document import YamlDocument
+from steelyard.files.file_model import FileModel, plain_values, validate
 from steelyard.instruments import AnyInstrument, Instrument
 from steelyard.logs.log import Log
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
-from steelyard.yaml_file import FileModel, YamlDocument, plain_values, validate
 
 _PLACE = "from_frames"
 """What messages call the description."""

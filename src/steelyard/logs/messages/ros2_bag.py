@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from steelyard.errors import InputError
+from steelyard.files.regular_file import require_file
+from steelyard.files.yaml_file import read_yaml
 from steelyard.logs.messages import mcap
 from steelyard.logs.messages.blocks import MOST_UNPACKED
 from steelyard.logs.messages.recording import Decoder, Interval, Message, Recording, spanned
@@ -20,7 +22,6 @@ from steelyard.logs.messages.ros_message import cdr_decoder
 from steelyard.logs.messages.ros_types import types_of
 from steelyard.logs.packages import damaged, listed, require_package, shown
 from steelyard.logs.size import check_unpacked
-from steelyard.yaml_file import read_yaml, require_file
 
 _WHAT, _DAMAGED = "a bag of ROS 2", "a database that is damaged"
 _METADATA = "metadata.yaml"

@@ -11,11 +11,11 @@ from typing import Any, Literal
 from pydantic import TypeAdapter, ValidationError
 
 from steelyard.errors import InputError
+from steelyard.files.regular_file import require_file
 from steelyard.json_file import read_json
 from steelyard.output import settle, write_file
 from steelyard.report.evidence.summary import Summary
 from steelyard.report.evidence.values import Trace
-from steelyard.yaml_file import require_file
 
 FILE_NAME = "report.json"
 FORMAT: Literal["steelyard-report/1"] = "steelyard-report/1"

@@ -95,9 +95,9 @@ def _contents(robot: Robot, name: str, ending: str) -> tuple[str, str]:
         from steelyard.report.forms.page import page
 
         return page(robot_document(robot)), "a picture of it, with its table"
+    from steelyard.files.yaml_file import to_yaml
     from steelyard.output import to_json
     from steelyard.robot.file import bundled_names, bundled_text, robot_file
-    from steelyard.yaml_file import to_yaml
 
     if ending == ".json":
         return to_json(robot_file(robot)) + "\n", "its robot file"
