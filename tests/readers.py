@@ -15,7 +15,7 @@ from steelyard.campaigns.journal import joined
 from steelyard.cli.truth import known_truth
 from steelyard.drafts.draft import draft
 from steelyard.errors import SteelyardError
-from steelyard.estimates.estimate_file import read_estimate_file
+from steelyard.estimates.file.estimate_file import read_estimate_file
 from steelyard.experiment.read import read_experiment
 from steelyard.live.message import arrivals_of
 from steelyard.logs.formats import open_log, topics

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from steelyard.estimates.estimate import Estimate as Estimate
     from steelyard.estimates.estimate import LoadEstimates as LoadEstimates
     from steelyard.estimates.estimate import Verdict as Verdict
-    from steelyard.estimates.estimate_file import read_estimates as read_estimates
+    from steelyard.estimates.file.places import read_estimates as read_estimates
     from steelyard.estimates.joint_covariance import JointCovariance as JointCovariance
     from steelyard.estimates.named_estimate import NamedEstimate as NamedEstimate
     from steelyard.estimates.payload import Payload as Payload
@@ -144,7 +144,7 @@ _WHERE = {
     "Load": "experiment.model",
     "LoadEstimates": "estimates.estimate",
     "MaximumLikelihood": "identification.methods.maximum_likelihood",
-    "NamedEstimate": "estimates.estimate_file",
+    "NamedEstimate": "estimates.named_estimate",
     "Payload": "estimates.payload",
     "Pose": "instruments.pose",
     "PoseDesign": "excitation.poses.pose_design",
@@ -188,7 +188,7 @@ _WHERE = {
     "platform_wrench": "dynamics",
     "predict_held_out": "identification.verdict.prediction",
     "progress_bar": "report.progress_bar",
-    "read_estimates": "estimates.estimate_file",
+    "read_estimates": "estimates.file.places",
     "read_experiment": "experiment.read",
     "read_robot": "robot.file",
     "read_sensors": "simulation.sensors",

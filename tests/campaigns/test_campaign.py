@@ -24,7 +24,7 @@ from steelyard.campaigns.run import campaign
 from steelyard.campaigns.tasks import ExperimentTask, Lost, Outcome
 from steelyard.campaigns.work import recorded_at, work_on
 from steelyard.errors import InputError
-from steelyard.estimates.estimate_file import read_estimate_file
+from steelyard.estimates.file.estimate_file import read_estimate_file
 from steelyard.inertia import BODY_PARAMETERS
 
 TWO_STEP = "two-step"

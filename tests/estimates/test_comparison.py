@@ -19,7 +19,8 @@ from steelyard.estimates.chi_square import agreement
 from steelyard.estimates.comparison import compare
 from steelyard.estimates.comparison_settings import SETTINGS
 from steelyard.estimates.estimate import FORMAT, Estimate, judge, unassessed
-from steelyard.estimates.estimate_file import read_estimate_file, read_estimates
+from steelyard.estimates.file.estimate_file import read_estimate_file
+from steelyard.estimates.file.places import read_estimates
 from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.estimates.payload import payload
 from steelyard.inertia import BODY_PARAMETERS, Inertia

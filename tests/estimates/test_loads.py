@@ -10,7 +10,7 @@ from written_estimates import estimate_of, file_of
 from steelyard.errors import InputError
 from steelyard.estimates.comparison import compare
 from steelyard.estimates.estimate import LoadEstimates
-from steelyard.estimates.estimate_file import read_estimates
+from steelyard.estimates.file.places import read_estimates
 from steelyard.estimates.joint_covariance import JointCovariance
 from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.estimates.payload import payload

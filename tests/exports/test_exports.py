@@ -22,7 +22,7 @@ from written_estimates import covariance, estimate_of, file_of
 from steelyard.dynamics import platform_regressor, platform_wrench
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import FORMAT, Verdict, judge, unassessed
-from steelyard.estimates.estimate_file import read_estimate_file
+from steelyard.estimates.file.estimate_file import read_estimate_file
 from steelyard.exports.exported import Exported, exported_of, read_exported
 from steelyard.exports.formats import FORMATS, export
 from steelyard.exports.remarks import number

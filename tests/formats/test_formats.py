@@ -16,7 +16,7 @@ from ruamel.yaml import YAML
 
 from steelyard.campaigns.journal import joined
 from steelyard.cli.truth import known_truth
-from steelyard.estimates.estimate_file import read_estimate_file
+from steelyard.estimates.file.estimate_file import read_estimate_file
 from steelyard.experiment.read import read_experiment
 from steelyard.exports.exported import read_exported
 from steelyard.formats.table import FORMATS, schema_of

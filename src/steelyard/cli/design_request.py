@@ -12,7 +12,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate
-from steelyard.estimates.estimate_file import read_estimates
+from steelyard.estimates.file.places import read_estimates
 from steelyard.excitation.design_file import RATE
 from steelyard.excitation.evaluation import MotionEvaluation, evaluate_motions
 from steelyard.excitation.information.optimality_criterion import Target

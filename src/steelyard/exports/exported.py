@@ -13,7 +13,8 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate, judge
-from steelyard.estimates.estimate_file import ALL, read_estimates
+from steelyard.estimates.file.estimate_file import ALL
+from steelyard.estimates.file.places import read_estimates
 from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from simulated import TRUTH, moving, sound, with_stream
 from written_estimates import file_of
 
-from steelyard.estimates.estimate_file import read_estimate_file
+from steelyard.estimates.file.estimate_file import read_estimate_file
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.methods.consistent import Consistent
 from steelyard.identification.methods.instrumental_variables import InstrumentalVariables

@@ -7,7 +7,7 @@ import pytest
 from written_estimates import file_of
 
 from steelyard.estimates.estimate import Estimate, LoadEstimates, Verdict, judge, unassessed
-from steelyard.estimates.estimate_file import read_estimate_file
+from steelyard.estimates.file.estimate_file import read_estimate_file
 from steelyard.estimates.joint_covariance import JointCovariance
 from steelyard.identification.identify import Identification
 from steelyard.identification.verdict.disagreement import with_disagreement

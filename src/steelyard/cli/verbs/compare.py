@@ -102,7 +102,7 @@ def _comparison(
     ``fail_above``.
     """
     from steelyard.estimates.comparison import compare as compared
-    from steelyard.estimates.estimate_file import read_estimates
+    from steelyard.estimates.file.places import read_estimates
     from steelyard.report.documents.comparison import comparison_document, comparison_page
 
     if fail_above is not None and not (math.isfinite(fail_above) and fail_above > 0):
@@ -134,7 +134,7 @@ def _payload(
     as_json: bool,
 ) -> None:
     """Say what was added between two estimates."""
-    from steelyard.estimates.estimate_file import read_estimates
+    from steelyard.estimates.file.places import read_estimates
     from steelyard.estimates.payload import payload
     from steelyard.report.documents.comparison import payload_document
 

@@ -64,7 +64,7 @@ def frequencies(
 
 def _read(body: str, robot: str | None) -> tuple[Robot, Estimate | None]:
     """The robot, and the estimate that hangs on it; None: its nominal platform."""
-    from steelyard.estimates.estimate_file import read_estimates
+    from steelyard.estimates.file.places import read_estimates
     from steelyard.robot.file import bundled_names, read_robot
 
     if body in bundled_names() or body.endswith((".yaml", ".yml")):
