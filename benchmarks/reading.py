@@ -22,7 +22,8 @@ import numpy as np
 import polars as pl
 
 from steelyard.errors import InputError
-from steelyard.experiment.streams import StreamPlace, read_stream
+from steelyard.experiment.streams.place import StreamPlace
+from steelyard.experiment.streams.read_stream import read_stream
 from steelyard.instruments import Tension
 
 CABLES, RATE, DURATION = 12, 1000, 3600  # -, [Hz], [s]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from steelyard.experiment.fields import column_in
+from steelyard.experiment.streams.fields import column_in
 
 IMU = ["header.stamp", "orientation.w", "angular_velocity.x", "linear_acceleration.z"]
 

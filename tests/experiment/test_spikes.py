@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.experiment.faults.spikes import no_rotations, spikes
 from steelyard.experiment.read import read_experiment
-from steelyard.experiment.streams import _off_rotation
+from steelyard.experiment.streams.orientations import off_rotation
 
 RATE = 100.0
 TIME = np.arange(0, 20, 1 / RATE)
@@ -101,7 +101,7 @@ def test_matrices_and_gaps_of_a_log_are_looked_at_alike(rng):
     raw = R.reshape(-1, 9).copy()
     raw[30:60] = np.nan
     raw[400, 4] *= 1.0001
-    np.testing.assert_array_equal(np.flatnonzero(no_rotations(_off_rotation(raw))), [400])
+    np.testing.assert_array_equal(np.flatnonzero(no_rotations(off_rotation(raw))), [400])
 
 
 def test_gaps_and_empty_cells_are_none(rng):

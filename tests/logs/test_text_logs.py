@@ -15,7 +15,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from steelyard.errors import InputError
-from steelyard.experiment.streams import StreamPlace, read_stream
+from steelyard.experiment.streams.place import StreamPlace
+from steelyard.experiment.streams.read_stream import read_stream
 from steelyard.instruments import Tension
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import NoRowsError, RowRange

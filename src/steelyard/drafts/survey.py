@@ -18,9 +18,11 @@ from steelyard.drafts.scales import scale_of, time_unit
 from steelyard.drafts.vectors import GRAVITY_OR_GYRO
 from steelyard.drafts.words import words_of
 from steelyard.errors import InputError
-from steelyard.experiment.fields import column_in
 from steelyard.experiment.model import Stream
-from steelyard.experiment.streams import StreamPlace, needed_columns, read_stream
+from steelyard.experiment.streams.fields import column_in
+from steelyard.experiment.streams.log_columns import needed_columns
+from steelyard.experiment.streams.place import StreamPlace
+from steelyard.experiment.streams.read_stream import read_stream
 from steelyard.instruments import AnyInstrument, Instrument
 from steelyard.logs.formats import open_log
 from steelyard.logs.log import Log

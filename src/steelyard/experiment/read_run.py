@@ -13,7 +13,9 @@ from steelyard.experiment.form import (
     RunForm,
 )
 from steelyard.experiment.model import Fault, Run
-from steelyard.experiment.streams import StreamPlace, first_time, needed_columns, read_stream
+from steelyard.experiment.streams.log_columns import needed_columns
+from steelyard.experiment.streams.place import StreamPlace
+from steelyard.experiment.streams.read_stream import first_time, read_stream
 from steelyard.files.document import YamlDocument
 from steelyard.logs.log import Log, NoRowsError
 from steelyard.robot.model import Robot

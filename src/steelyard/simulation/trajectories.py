@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.errors import InfeasibleError, InputError
-from steelyard.experiment.streams import StreamPlace, read_stream
+from steelyard.experiment.streams.place import StreamPlace
+from steelyard.experiment.streams.read_stream import read_stream
 from steelyard.instruments import Command
 from steelyard.motion.limits import check_times, commanded_tensions, motion_extremes
 from steelyard.motion.trajectory import Repeated, RestToRest, Sampled, Trajectory, multisine

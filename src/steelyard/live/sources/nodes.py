@@ -12,7 +12,7 @@ import numpy as np
 
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
-from steelyard.experiment.streams import stream_of_columns
+from steelyard.experiment.streams.of_columns import stream_of_columns
 from steelyard.instruments import Instrument
 from steelyard.live.message import Arrival, arrival_of
 from steelyard.live.settings import LIVE, LiveSettings
