@@ -583,21 +583,6 @@ def sensitivity(
     return values["by_reading"], values["by_terms"], values.get("by_rolling")
 
 
-@lru_cache(maxsize=64)
-def _follows_readings(
-    unknown: str,
-    instrument: Instrument,
-    robot: Robot,
-    quantities: tuple[str, ...],
-    remembered: bool = False,
-) -> _Expression:
-    """Expression behind :func:`follows_readings`."""
-    state = symbols(robot.m, remembered=remembered)
-    predicted, terms = _predicted(instrument, robot, quantities, state)
-    inverse = ca.inv(ca.jacobian(predicted, ca.vec(getattr(state, unknown))))
-    return _expression(inverse, state, terms)
-
-
 def follows_readings(
     unknown: str,
     instrument: Instrument,
@@ -609,7 +594,7 @@ def follows_readings(
     """How what :func:`solve_for` gives follows the readings alone, shape (n, k, k), or (1, k, k) where
     it is the same for all samples; arguments as of :func:`sensitivity`.
     """
-    form = _follows_readings(unknown, instrument, robot, quantities, "rolling" in state)
+    form = _inversion(unknown, instrument, robot, quantities, "rolling" in state).inverse
     terms = {f"term_{key}": value for key, value in calibration.items()}
     k = state[unknown].shape[1]
     # Of one cable a column, which has no axis of its own.
