@@ -1,21 +1,23 @@
-"""Measurement equations over samples: forwards as they are stated, and backwards where they are
-linear in what is sought.
+"""Measurement equations over samples: forwards as they are stated, backwards where they are linear in
+what is sought, about a motion, and how what was found backwards follows all that it was found from.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 
-from steelyard import rotations
 from steelyard.arrays import Array
-from steelyard.batch import Batched, Symbol, jacobians
 from steelyard.errors import InputError
 from steelyard.instruments.base import Instrument, Term
+from steelyard.instruments.expressions.implicit import following_of, sensitivity_of
+from steelyard.instruments.expressions.inversion import inversion_of
+from steelyard.instruments.expressions.linearisation import GEOMETRY, difference_of
+from steelyard.instruments.expressions.prediction import prediction_of, term_columns_of
 from steelyard.motion.state import State, state_of_pose, symbols
 from steelyard.robot.model import Robot
 
@@ -28,7 +30,12 @@ def means(instrument: Instrument, m: int) -> dict[str, Array]:
 @lru_cache(maxsize=128)
 def _stated_errors(instrument: Instrument, m: int) -> Mapping[str, Array]:
     """:func:`means` under the names of inputs; not to be changed."""
-    return {f"term_{key}": value for key, value in means(instrument, m).items()}
+    return _errors(means(instrument, m))
+
+
+def _errors(calibration: Mapping[str, Array]) -> dict[str, Array]:
+    """Systematic errors under the names of inputs."""
+    return {f"term_{key}": value for key, value in calibration.items()}
 
 
 def terms_behind(instrument: Instrument, quantity: str, robot: Robot) -> list[Term]:
@@ -61,33 +68,7 @@ def predict(
         # How long a cable is follows from what stretches it.
         known["tension"] = stretching
     errors = tuple((key, tuple(np.ravel(value).tolist())) for key, value in calibration.items())
-    return _prediction(instrument, robot, tuple(known), errors)(**known)
-
-
-@lru_cache(maxsize=64)
-def _prediction(
-    instrument: Instrument,
-    robot: Robot,
-    known: tuple[str, ...],
-    errors: tuple[tuple[str, tuple[float, ...]], ...],
-) -> Batched:
-    """Those readings that follow from the known part of the state, for given systematic errors."""
-    symbolic = symbols(robot.m, remembered="rolling" in known)
-    readings = instrument.predict(symbolic, {key: ca.DM(value) for key, value in errors}, robot)
-    unknown = [symbol for name, symbol in _parts(symbolic).items() if name not in known]
-    possible = {
-        name: ca.SX(value)
-        for name, value in readings.items()
-        if not any(u.numel() and ca.depends_on(ca.SX(value), ca.vec(u)) for u in unknown)
-    }
-    return Batched("predict", {key: getattr(symbolic, key) for key in known}, possible)
-
-
-@lru_cache(maxsize=64)
-def _term_columns_of(instrument: Instrument, quantity: str, robot: Robot) -> _Expression:
-    state = symbols(robot.m)
-    predicted, terms = _predicted(instrument, robot, (quantity,), state)
-    return _expression(ca.jacobian(predicted, ca.vertcat(*terms.values())), state, terms)
+    return prediction_of(instrument, robot, tuple(known), errors)(**known)
 
 
 def term_columns(
@@ -105,7 +86,7 @@ def term_columns(
     Returns:
         One derivative for each of :meth:`Instrument.terms`, shape (n, k, size).
     """
-    part = _term_columns_of(instrument, quantity, robot)
+    part = term_columns_of(instrument, quantity, robot)
     values = part.evaluate({**_stated_errors(instrument, robot.m), **vars(state)})
     sizes = {term.key: term.size for term in instrument.terms(robot.m)}
     columns = np.broadcast_to(values, (len(state.rotation), *values.shape[1:]))
@@ -139,7 +120,7 @@ def solve_for(
     Raises:
         InputError: The equation needs a part of the state that is not given.
     """
-    form = _inversion(unknown, instrument, robot, tuple(readings), "rolling" in given)
+    form = inversion_of(unknown, instrument, robot, tuple(readings), "rolling" in given)
     missing = [name for name in form.given if name not in given]
     if missing:
         raise InputError(
@@ -147,9 +128,7 @@ def solve_for(
             f" {' and '.join(missing)} beside its {' and '.join(readings).replace('_', ' ')}, found"
             " none; add a stream that tells it"
         )
-    known = _stated_errors(instrument, robot.m)
-    if calibration is not None:
-        known = {f"term_{key}": value for key, value in calibration.items()}
+    known = _stated_errors(instrument, robot.m) if calibration is None else _errors(calibration)
     values = {**known, **given}
     measured = np.hstack(
         [_columns(np.asarray(value, dtype=np.float64)) for value in readings.values()]
@@ -174,121 +153,10 @@ def _columns(values: Array) -> Array:
     return values.transpose(0, 2, 1).reshape(len(values), -1) if values.ndim == 3 else values
 
 
-_GEOMETRY = ("anchors", "attachments")
-"""Fields of a state that say where the cables are fixed."""
-_FIELDS = frozenset(f.name for f in fields(State))
 _STEPS = 4
 """Of Newton's method for readings that are nearly linear in the unknown: two reach rounding."""
 _CLOSE = 1e-12
 """A step so much smaller than the largest reading is the last one."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Expression:
-    """An expression of some of the systematic errors and of the state."""
-
-    batched: Batched
-    inputs: tuple[str, ...]
-
-    def evaluate(self, values: Mapping[str, Array]) -> Array:
-        return self.batched(**{name: values[name] for name in self.inputs})["value"]
-
-
-def _parts(state: State) -> dict[str, Symbol]:
-    """Fields of a state that are there, by name."""
-    found = {f.name: getattr(state, f.name) for f in fields(State)}
-    return {name: symbol for name, symbol in found.items() if symbol is not None}
-
-
-def _taken(expression: Symbol, behind: Mapping[str, Symbol]) -> dict[str, Symbol]:
-    """Those of some symbols that stand in an expression; it is walked through once for all."""
-    there = {each.element_hash() for each in ca.symvar(expression)}
-    return {
-        name: symbol
-        for name, symbol in behind.items()
-        if any(each.element_hash() in there for each in ca.symvar(symbol))
-    }
-
-
-def _expression(expression: Symbol, state: State, terms: Mapping[str, Symbol]) -> _Expression:
-    dense = ca.densify(expression)
-    behind = {
-        **{f"term_{key}": symbol for key, symbol in terms.items()},
-        **_parts(state),
-    }
-    inputs = _taken(dense, behind)
-    return _Expression(Batched("part", inputs, {"value": dense}), tuple(inputs))
-
-
-@dataclass(frozen=True, eq=False)
-class _Inversion:
-    """Readings as a function of the unknown: about zero where they are linear in it, else about
-    present values of it.
-    """
-
-    inverse: _Expression
-    """Of the derivative by the unknown."""
-    value: _Expression
-    unknown: str
-
-    @property
-    def linear(self) -> bool:
-        """Whether the derivative does not depend on the unknown."""
-        return self.unknown not in self.inverse.inputs
-
-    @property
-    def given(self) -> tuple[str, ...]:
-        """Other parts of the state that it takes."""
-        inputs = dict.fromkeys((*self.inverse.inputs, *self.value.inputs))
-        return tuple(name for name in inputs if name in _FIELDS and name != self.unknown)
-
-    def step(self, measured: Array, values: Mapping[str, Array]) -> Array:
-        """What is to be added to zero, or to present values, so that the readings are as measured,
-        shape (n, k).
-        """
-        value = self.value.evaluate(values)
-        difference = measured - value.reshape(len(value), -1)
-        inverse = self.inverse.evaluate(values)
-        inverse = inverse.reshape(len(inverse), -1, measured.shape[1])
-        # The matrix mostly depends on no sample; then it has been inverted once and not a million
-        # times.
-        step: Array = (
-            difference @ inverse[0].T
-            if len(inverse) == 1
-            else np.einsum("nij,nj->ni", inverse, difference)
-        )
-        return step
-
-
-def _predicted(
-    instrument: Instrument, robot: Robot, quantities: tuple[str, ...], state: State
-) -> tuple[Symbol, dict[str, Symbol]]:
-    """Readings of some quantities in one column, and the symbols of the systematic errors that they
-    are stated with.
-    """
-    terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
-    stated = instrument.predict(state, terms, robot)
-    return ca.vertcat(*[ca.vec(stated[name]) for name in quantities]), terms
-
-
-@lru_cache(maxsize=128)
-def _inversion(
-    unknown: str,
-    instrument: Instrument,
-    robot: Robot,
-    quantities: tuple[str, ...],
-    remembered: bool = False,
-) -> _Inversion:
-    """The equation of some quantities and its derivative by the unknown, inverted."""
-    state = symbols(robot.m, remembered=remembered)
-    predicted, terms = _predicted(instrument, robot, quantities, state)
-    column = ca.vec(getattr(state, unknown))
-    slope = ca.jacobian(predicted, column)
-    linear = not ca.depends_on(slope, column)
-    value = ca.substitute(predicted, column, ca.DM.zeros(column.numel())) if linear else predicted
-    return _Inversion(
-        _expression(ca.inv(slope), state, terms), _expression(value, state, terms), unknown
-    )
 
 
 def needed_for(
@@ -297,11 +165,7 @@ def needed_for(
     """Other parts of the state that :func:`solve_for` takes to find one from the readings of some
     quantities.
     """
-    return _inversion(unknown, instrument, robot, quantities).given
-
-
-def _symbol_like(name: str, expression: Symbol) -> Symbol:
-    return ca.SX.sym(name, *expression.shape)
+    return inversion_of(unknown, instrument, robot, quantities).given
 
 
 @lru_cache(maxsize=128)
@@ -315,73 +179,6 @@ def order_of(instrument: Instrument, quantity: str, robot: Robot) -> int:
     if ca.depends_on(predicted, acceleration):
         return 2
     return 1 if ca.depends_on(predicted, rate) else 0
-
-
-@lru_cache(maxsize=128)
-def difference_of(
-    instrument: Instrument, quantity: str, robot: Robot, asked: frozenset[str] | None = None
-) -> tuple[Batched, dict[str, tuple[int, int]]]:
-    """Expressions behind :func:`linearised`: residual and those derivatives that are not zero, and
-    the shapes of those that are.
-
-    Args:
-        instrument: A kind that looks at the motion.
-        quantity: One of its quantities.
-        robot: Its cables.
-        asked: Terms of the instrument and ``gravity``, ``anchors``, ``attachments`` by which there
-            are derivatives, all others count as zero; None: all.
-    """
-    pose, rate, acceleration = (ca.SX.sym(name, 7) for name in ("pose", "rate", "acceleration"))
-    gravity = ca.SX.sym("gravity", 3)
-    terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
-    errors = ca.vertcat(*terms.values()) if terms else ca.SX.sym("none", 1)
-    tension = ca.SX.sym("tension", robot.m)
-    fixed = {key: ca.SX.sym(key, 3 * robot.m) for key in _GEOMETRY}
-    state = replace(
-        state_of_pose(pose, rate, acceleration, gravity),
-        tension=tension,
-        **{key: ca.reshape(each, 3, robot.m) for key, each in fixed.items()},
-    )
-    predicted = ca.SX(instrument.predict(state, terms, robot)[quantity])
-    measured = _symbol_like("measured", predicted)
-    residual = (
-        rotations.log(predicted.T @ measured) if predicted.shape == (3, 3) else measured - predicted
-    )
-    own = [each for key, each in terms.items() if asked is None or key in asked]
-    beside = {
-        f"by_{key}": each
-        for key, each in {"gravity": gravity, **fixed}.items()
-        if asked is None or key in asked
-    }
-    derivatives = jacobians(
-        residual,
-        {
-            "by_pose": pose,
-            "by_rate": rate,
-            "by_acceleration": acceleration,
-            "by_errors": ca.vertcat(*own) if own or asked is not None else errors,
-            "by_tension": tension,
-            **beside,
-        },
-    )
-    inputs = {
-        "pose": pose,
-        "rate": rate,
-        "acceleration": acceleration,
-        "gravity": gravity,
-        "errors": errors,
-        "measured": measured,
-        **{
-            key: each
-            for key, each in {"tension": tension, **fixed}.items()
-            if robot.m and ca.depends_on(predicted, each)
-        },
-    }
-    there = {name: ca.densify(each) for name, each in derivatives.items() if each.nnz()}
-    return (
-        Batched("linearised", inputs, {"residual": residual, **there}),
-        {name: each.shape for name, each in derivatives.items() if not each.nnz()},
-    )
 
 
 def without_effect(
@@ -432,7 +229,7 @@ def linearised(
     pose, rate, acceleration = motion
     batched, zero = difference_of(instrument, quantity, robot, asked)
     if geometry is None:
-        geometry = {key: getattr(robot, key).ravel() for key in _GEOMETRY}
+        geometry = {key: getattr(robot, key).ravel() for key in GEOMETRY}
     looked_at = {} if tension is None else {"tension": tension}
     if "anchors" in batched.inputs:
         looked_at |= geometry
@@ -447,41 +244,6 @@ def linearised(
     )
     n = len(found["residual"])
     return {**found, **{name: np.broadcast_to(0.0, (n, *shape)) for name, shape in zero.items()}}
-
-
-@lru_cache(maxsize=64)
-def following_of(
-    unknown: str,
-    instrument: Instrument,
-    robot: Robot,
-    quantities: tuple[str, ...],
-    remembered: bool = False,
-) -> Batched | None:
-    """Expressions behind :func:`following`; None where readings say the same whatever the
-    motion.
-    """
-    pose, rate = ca.SX.sym("pose", 7), ca.SX.sym("rate", 7)
-    symbolic = symbols(robot.m, remembered=remembered)
-    sought = getattr(symbolic, unknown)
-    state = replace(
-        state_of_pose(pose, rate, ca.SX.zeros(7), ca.SX.zeros(3)),
-        rolling=symbolic.rolling,
-        **{unknown: sought},
-    )
-    predicted, terms = _predicted(instrument, robot, quantities, state)
-    moved = {"by_pose": ca.jacobian(predicted, pose), "by_rate": ca.jacobian(predicted, rate)}
-    if not any(each.nnz() for each in moved.values()):
-        return None
-    inverse = ca.inv(ca.jacobian(predicted, ca.vec(sought)))
-    outputs = [ca.densify(-inverse @ each) for each in moved.values()]
-    inputs = {
-        "pose": pose,
-        "rate": rate,
-        unknown: sought,
-        **({"rolling": state.rolling} if remembered else {}),
-        **{f"term_{key}": each for key, each in terms.items()},
-    }
-    return Batched("following", inputs, dict(zip(moved, ca.cse(outputs), strict=True)))
 
 
 def following(
@@ -513,38 +275,9 @@ def following(
     batched = following_of(unknown, instrument, robot, quantities, rolling is not None)
     if batched is None:
         return None
-    errors = {f"term_{key}": value for key, value in calibration.items()}
     given = {unknown: found, **({} if rolling is None else {"rolling": rolling})}
-    values = batched(pose=motion[0], rate=motion[1], **given, **errors)
+    values = batched(pose=motion[0], rate=motion[1], **given, **_errors(calibration))
     return values["by_pose"], values["by_rate"]
-
-
-@lru_cache(maxsize=64)
-def sensitivity_of(
-    unknown: str,
-    instrument: Instrument,
-    robot: Robot,
-    quantities: tuple[str, ...],
-    remembered: bool = False,
-    asked: frozenset[str] | None = None,
-) -> tuple[Batched, list[str]]:
-    """Expressions behind :func:`sensitivity`, and which parts of state and ``term_…`` they take."""
-    state = symbols(robot.m, remembered=remembered)
-    predicted, terms = _predicted(instrument, robot, quantities, state)
-    inverse = ca.inv(ca.jacobian(predicted, ca.vec(getattr(state, unknown))))
-    own = [each for key, each in terms.items() if asked is None or key in asked]
-    outputs = {
-        "by_reading": ca.densify(inverse),
-        "by_terms": ca.densify(-inverse @ ca.jacobian(predicted, ca.vertcat(*own))),
-    }
-    if state.rolling is not None:
-        outputs["by_rolling"] = ca.densify(-inverse @ ca.jacobian(predicted, state.rolling))
-    behind = {
-        **{f"term_{key}": symbol for key, symbol in terms.items()},
-        **_parts(state),
-    }
-    inputs = _taken(ca.veccat(*outputs.values()), behind)
-    return Batched("sensitivity", inputs, outputs), list(inputs)
 
 
 def sensitivity(
@@ -576,10 +309,8 @@ def sensitivity(
     batched, inputs = sensitivity_of(
         unknown, instrument, robot, quantities, "rolling" in state, asked
     )
-    errors = {
-        name: calibration[name.removeprefix("term_")] for name in inputs if name.startswith("term_")
-    }
-    values = batched(**errors, **{name: state[name] for name in inputs if name in _FIELDS})
+    given = {**_errors(calibration), **state}
+    values = batched(**{name: given[name] for name in inputs})
     return values["by_reading"], values["by_terms"], values.get("by_rolling")
 
 
@@ -594,8 +325,7 @@ def follows_readings(
     """How what :func:`solve_for` gives follows the readings alone, shape (n, k, k), or (1, k, k) where
     it is the same for all samples; arguments as of :func:`sensitivity`.
     """
-    form = _inversion(unknown, instrument, robot, quantities, "rolling" in state).inverse
-    terms = {f"term_{key}": value for key, value in calibration.items()}
+    form = inversion_of(unknown, instrument, robot, quantities, "rolling" in state).inverse
     k = state[unknown].shape[1]
     # Of one cable a column, which has no axis of its own.
-    return form.evaluate({**terms, **state}).reshape(-1, k, k)
+    return form.evaluate({**_errors(calibration), **state}).reshape(-1, k, k)

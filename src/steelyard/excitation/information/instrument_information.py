@@ -46,7 +46,8 @@ from steelyard.identification.model.calibration_parameters import (
 from steelyard.identification.model.segment import POSE
 from steelyard.inertia import TEN
 from steelyard.instruments.base import TIME_CONSTANT
-from steelyard.instruments.equations import difference_of, following_of, sensitivity_of
+from steelyard.instruments.expressions.implicit import following_of, sensitivity_of
+from steelyard.instruments.expressions.linearisation import difference_of
 from steelyard.motion.state import State
 
 BorderTerms = list[tuple[NDArray[np.intp], Symbol]]
