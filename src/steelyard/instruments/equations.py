@@ -5,7 +5,7 @@ what is sought, about a motion, and how what was found backwards follows all tha
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import casadi as ca
@@ -18,6 +18,7 @@ from steelyard.instruments.expressions.implicit import following_of, sensitivity
 from steelyard.instruments.expressions.inversion import inversion_of
 from steelyard.instruments.expressions.linearisation import GEOMETRY, difference_of
 from steelyard.instruments.expressions.prediction import prediction_of, term_columns_of
+from steelyard.instruments.expressions.statement import parts_of, predicted_by
 from steelyard.motion.state import State, state_of_pose, symbols
 from steelyard.robot.model import Robot
 
@@ -40,9 +41,8 @@ def _errors(calibration: Mapping[str, Array]) -> dict[str, Array]:
 
 def terms_behind(instrument: Instrument, quantity: str, robot: Robot) -> list[Term]:
     """Systematic errors that the reading of one quantity depends on."""
-    values = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
-    reading = ca.SX(instrument.predict(symbols(robot.m), values, robot)[quantity])
-    return [term for term in instrument.terms(robot.m) if ca.depends_on(reading, values[term.key])]
+    reading, errors = predicted_by(instrument, robot, (quantity,), symbols(robot.m))
+    return [term for term in instrument.terms(robot.m) if ca.depends_on(reading, errors[term.key])]
 
 
 def predict(
@@ -60,9 +60,7 @@ def predict(
     Returns:
         One array over n samples for each quantity that can be had from the known part of the state.
     """
-    known = {
-        f.name: getattr(state, f.name) for f in fields(State) if getattr(state, f.name) is not None
-    }
+    known = parts_of(state)
     stretching = known.pop("stretching", None)
     if stretching is not None and instrument.is_cable_motion:
         # How long a cable is follows from what stretches it.
@@ -174,8 +172,7 @@ def order_of(instrument: Instrument, quantity: str, robot: Robot) -> int:
     pose, rate, acceleration = (ca.SX.sym(name, 7) for name in ("pose", "rate", "acceleration"))
     state = state_of_pose(pose, rate, acceleration, ca.SX.sym("gravity", 3))
     state = replace(state, tension=ca.SX.sym("tension", robot.m))
-    errors = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
-    predicted = ca.SX(instrument.predict(state, errors, robot)[quantity])
+    predicted, _ = predicted_by(instrument, robot, (quantity,), state)
     if ca.depends_on(predicted, acceleration):
         return 2
     return 1 if ca.depends_on(predicted, rate) else 0

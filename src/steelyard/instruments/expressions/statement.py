@@ -34,7 +34,7 @@ def predicted_by(
     """
     terms = {term.key: ca.SX.sym(term.key, term.size) for term in instrument.terms(robot.m)}
     stated = instrument.predict(state, terms, robot)
-    return ca.vertcat(*[ca.vec(stated[name]) for name in quantities]), terms
+    return ca.SX(ca.vertcat(*[ca.vec(stated[name]) for name in quantities])), terms
 
 
 def parts_of(state: State) -> dict[str, Symbol]:
