@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from steelyard.bodies.mass_region import Box as Box
     from steelyard.bodies.mass_region import Ellipsoid as Ellipsoid
     from steelyard.bodies.nearest_body import nearest_body as nearest_body
-    from steelyard.calibration.calibrate import GeometryCalibration as GeometryCalibration
     from steelyard.calibration.calibrate import calibrate as calibrate
+    from steelyard.calibration.geometry_calibration import (
+        GeometryCalibration as GeometryCalibration,
+    )
     from steelyard.campaigns.run import Campaign as Campaign
     from steelyard.campaigns.run import campaign as campaign
     from steelyard.campaigns.study.result import Study as Study
@@ -129,7 +131,7 @@ _WHERE = {
     "FittedMotion": "identification.model.fitted_motion",
     "ForceFree": "identification.methods.force_free",
     "Frequencies": "natural_frequencies.frequencies",
-    "GeometryCalibration": "calibration.calibrate",
+    "GeometryCalibration": "calibration.geometry_calibration",
     "Identification": "identification.identify",
     "Imu": "instruments.imu",
     "Inertia": "inertia",

@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.calibration.calibrate import GeometryCalibration
+from steelyard.calibration.geometry_calibration import GeometryCalibration
 from steelyard.files.yaml_file import to_yaml
 from steelyard.robot.covariance import POINTS
 from steelyard.robot.file import robot_file

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from steelyard.calibration.calibrate import GeometryCalibration
+from steelyard.calibration.geometry_calibration import GeometryCalibration
 from steelyard.calibration.robot_text import COVARIANCE, robot_text
 from steelyard.output import results_folder, write_file, write_json
 from steelyard.provenance.record import origin, write_provenance

@@ -10,9 +10,9 @@ from pathlib import Path
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array, number_given, whole_given
-from steelyard.calibration.calibrate import GeometryCalibration
 from steelyard.calibration.first_poses import UPRIGHT
 from steelyard.calibration.fit import GeometryFit, fit_geometry
+from steelyard.calibration.geometry_calibration import GeometryCalibration
 from steelyard.calibration.poses import with_upright
 from steelyard.errors import InputError
 from steelyard.excitation.information.noise_free_recording import noise_free_poses

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from steelyard.calibration.calibrate import GeometryCalibration
+from steelyard.calibration.geometry_calibration import GeometryCalibration
 from steelyard.estimates.estimate import plain
 from steelyard.excitation.poses.pose_design import PoseDesign
 from steelyard.experiment.model import Stream

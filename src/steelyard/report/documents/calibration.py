@@ -19,7 +19,7 @@ from steelyard.report.blocks.document import (
 )
 
 if TYPE_CHECKING:
-    from steelyard.calibration.calibrate import GeometryCalibration
+    from steelyard.calibration.geometry_calibration import GeometryCalibration
 
 _MM = 1000.0
 _AXES = "xyz"

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from steelyard.calibration.calibrate import GeometryCalibration
 from steelyard.calibration.first_poses import UPRIGHT
+from steelyard.calibration.geometry_calibration import GeometryCalibration
 from steelyard.digits import deviation, fixed
 from steelyard.excitation.poses.pose_design import PoseDesign
 from steelyard.identification.model.calibration_parameters import ROBOT
