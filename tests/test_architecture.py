@@ -70,7 +70,7 @@ INNER = {
     ],
     "cli": [
         {
-            "design_request",
+            "designs",
             "inputs",
             "interruption",
             "lazy_group",

@@ -34,8 +34,8 @@ KEPT = {
     ),
     "convert": ("steelyard.experiment.read:read_experiment", "steelyard.experiment.tidy:tidied"),
     "design": (
-        "steelyard.cli.design_request:design_task",
-        "steelyard.cli.design_request:checked_motion",
+        "steelyard.cli.designs.request:design_task",
+        "steelyard.cli.designs.request:checked_motion",
         "steelyard.excitation.design_file:evaluation_dict",
         "steelyard.report.documents.design_document:design_document",
         "steelyard.report.write:page",

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
 
-from steelyard.cli.inputs import named_files
 from steelyard.cli.options import (
     common,
     force_option,
@@ -189,19 +187,18 @@ def design(
     Speeds, accelerations, workspace and tensions are those of 'limits' and 'tension' in the robot
     file.
     """
-    from steelyard.cli.design_request import (
+    from steelyard.cli.designs.request import (
         check_numbers,
         check_unused,
         checked_motion,
         design_task,
         pose_of,
     )
+    from steelyard.cli.designs.shown import Shown
     from steelyard.excitation.design import design as designed
     from steelyard.excitation.design_file import RESULT, design_dict, evaluation_dict, write_design
-    from steelyard.output import check_target, results_folder, write_json
-    from steelyard.provenance.record import write_provenance
+    from steelyard.output import check_target, write_json
     from steelyard.report.documents.design_document import design_document
-    from steelyard.report.write import write_document
     from steelyard.simulation.sensors import CALIBRATION_SENSORS, SWING_SENSORS
 
     check_numbers(margin, runs, budget, rate)
@@ -209,28 +206,34 @@ def design(
         check_target(out, force=force)
     moves = {"--start": start, "--end": end, "--body": body, "--after": after}
     of_motion = {"--duration": duration, "--check": check, "--target": target}
-    shown = _Shown(out, force, as_json, quiet)
+    shown = Shown(out, force, as_json, quiet)
     of_reference = {"--reference": reference or None, "--reference-sigma": reference_sigma}
     source = click.get_current_context().get_parameter_source("sensors")
     if free:
+        from steelyard.cli.designs.swings import propose_swings
+
         of_motion.pop("--duration")
         others = {**moves, **of_motion, **of_reference, "--calibration": calibration or None}
         check_unused(others, "--free")
         if source is ParameterSource.DEFAULT:
             sensors = SWING_SENSORS
-        _propose_swings(place, poses, duration, cables, sensors, shown)
+        propose_swings(place, poses, duration, cables, sensors, shown)
         return
     check_unused({"--cables": cables}, "anything but --free")
     if calibration:
+        from steelyard.cli.designs.poses import propose_poses
+
         check_unused({**moves, **of_motion, **of_reference}, "--calibration")
         if source is ParameterSource.DEFAULT:
             # Those of the paper do not tell where cables are fixed.
             sensors = CALIBRATION_SENSORS
-        _propose_poses(place, poses, sensors, margin, seed, shown)
+        propose_poses(place, poses, sensors, margin, seed, shown)
         return
     if reference:
+        from steelyard.cli.designs.references import compare_references
+
         check_unused(moves, "--reference")
-        _compare_references(place, sensors, check, duration, poses, reference_sigma, target, shown)
+        compare_references(place, sensors, check, duration, poses, reference_sigma, target, shown)
         return
     check_unused({"--poses": poses, "--reference-sigma": reference_sigma}, "a motion")
     with progress(quiet=quiet) as tell:
@@ -262,163 +265,17 @@ def design(
             )
             evaluation, values = found.appraisal, design_dict(found)
         document = design_document(evaluation)
-        if out is not None:
-            with results_folder(out, force=force) as folder:
-                if found is None:
-                    write_json(values, folder / RESULT)
-                else:
-                    write_design(found, folder, rate)
-                write_document(document, folder, REPORT)
-                write_provenance(folder, out, named_files(sys.argv[1:], out), sys.argv[1:])
+
+        def write(folder: Path) -> None:
+            if found is None:
+                write_json(values, folder / RESULT)
+            else:
+                write_design(found, folder, rate)
+
+        shown.write(write, document, REPORT)
     print_result(values, document, as_json=as_json)
     if not as_json and found is not None and out is not None:
         _print_next_steps(found, place, out)
-
-
-class _Shown(NamedTuple):
-    """Where a result goes."""
-
-    out: Path | None
-    force: bool
-    as_json: bool
-    quiet: bool
-
-
-def _propose_poses(
-    place: str, poses: int | None, sensors: str, margin: float, seed: int, shown: _Shown
-) -> None:
-    """Poses at rest for a calibration; see :func:`steelyard.design_poses`."""
-    from steelyard.excitation.poses.pose_design import USUAL_POSES, design_poses
-    from steelyard.excitation.poses.pose_file import POSES, poses_dict, write_poses
-    from steelyard.output import results_folder
-    from steelyard.provenance.record import write_provenance
-    from steelyard.report.documents.poses import poses_document
-    from steelyard.report.write import write_document
-
-    count = USUAL_POSES if poses is None else poses
-    with progress(quiet=shown.quiet) as tell:
-        found = design_poses(place, count, sensors=sensors, margin=margin, seed=seed, progress=tell)
-    document = poses_document(found)
-    if shown.out is not None:
-        with results_folder(shown.out, force=shown.force) as folder:
-            write_poses(found, folder)
-            write_document(document, folder, "poses")
-            write_provenance(folder, shown.out, named_files(sys.argv[1:], shown.out), sys.argv[1:])
-    print_result(poses_dict(found), document, as_json=shown.as_json)
-    if shown.out is not None and not shown.as_json:
-        print()
-        say(
-            f"The poses are in {shown.out / POSES}. Record one row a pose with every instrument, as"
-            " a run with 'static: true', then:"
-        )
-        print("  steelyard calibrate EXPERIMENT --out DIR")
-
-
-def _propose_swings(
-    place: str,
-    swings: int | None,
-    duration: float | None,
-    cables: str | None,
-    sensors: str,
-    shown: _Shown,
-) -> None:
-    """Free swings to record; see :func:`steelyard.design_swings`."""
-    from steelyard.excitation.swings.swing_design import (
-        USUAL_DURATION,
-        USUAL_SWINGS,
-        design_swings,
-    )
-    from steelyard.excitation.swings.swing_file import RESULT, ROBOT, swings_dict, write_swings
-    from steelyard.output import results_folder
-    from steelyard.provenance.record import write_provenance
-    from steelyard.report.documents.free_swings import free_swings_document
-    from steelyard.report.write import write_document
-
-    with progress(quiet=shown.quiet) as tell:
-        found = design_swings(
-            place,
-            USUAL_SWINGS if swings is None else swings,
-            duration=USUAL_DURATION if duration is None else duration,
-            cables=_numbers_of(cables),
-            sensors=sensors,
-            progress=tell,
-        )
-        document = free_swings_document(found)
-        if shown.out is not None:
-            with results_folder(shown.out, force=shown.force) as folder:
-                write_swings(found, folder)
-                write_document(document, folder, "swings")
-                write_provenance(
-                    folder, shown.out, named_files(sys.argv[1:], shown.out), sys.argv[1:]
-                )
-    print_result(swings_dict(found), document, as_json=shown.as_json)
-    if shown.out is not None and not shown.as_json:
-        print()
-        say(
-            f"{RESULT} and {ROBOT}, with the cables that stay, are in {shown.out}/. Record each swing"
-            " as a run with 'winches: locked', then:"
-        )
-        print("  steelyard identify EXPERIMENT --out DIR")
-
-
-def _numbers_of(cables: str | None) -> list[int] | None:
-    """Of cables, with commas between.
-
-    Raises:
-        InputError: They are no numbers.
-    """
-    if cables is None:
-        return None
-    try:
-        return [int(each) for each in cables.split(",")]
-    except ValueError:
-        raise InputError(
-            f"--cables: expected numbers with commas between, such as 1,3,5, found '{cables}';"
-            " correct it"
-        ) from None
-
-
-def _compare_references(
-    place: str,
-    sensors: str,
-    check: str | None,
-    duration: float | None,
-    poses: int | None,
-    sigma: float | None,
-    target: str | None,
-    shown: _Shown,
-) -> None:
-    """Reference bodies beside an experiment; see :func:`steelyard.design_references`."""
-    from steelyard.cli.design_request import target_of
-    from steelyard.excitation.references.reference_design import (
-        USUAL_REST,
-        USUAL_SIGMA,
-        design_references,
-    )
-    from steelyard.excitation.references.reference_file import RESULT, reference_dict
-    from steelyard.output import results_folder, write_json
-    from steelyard.provenance.record import write_provenance
-    from steelyard.report.documents.references import reference_document
-    from steelyard.report.write import write_document
-
-    with progress(quiet=shown.quiet) as tell:
-        found = design_references(
-            place,
-            sensors=sensors,
-            motion=check,
-            duration=duration,
-            poses=USUAL_REST if poses is None else poses,
-            sigma=USUAL_SIGMA if sigma is None else sigma,
-            target=target_of(place, sensors, target),
-            progress=tell,
-        )
-    values, document = reference_dict(found), reference_document(found)
-    if shown.out is not None:
-        with results_folder(shown.out, force=shown.force) as folder:
-            write_json(values, folder / RESULT)
-            write_document(document, folder, "reference")
-            write_provenance(folder, shown.out, named_files(sys.argv[1:], shown.out), sys.argv[1:])
-    print_result(values, document, as_json=shown.as_json)
 
 
 def _print_next_steps(found: Design, place: str, out: Path) -> None:
