@@ -17,6 +17,7 @@ from steelyard.arrays import Array
 from steelyard.display import printable
 from steelyard.errors import InputError
 from steelyard.experiment.columns import stream_columns
+from steelyard.experiment.faults.fault import Fault
 from steelyard.experiment.surroundings import Surroundings
 from steelyard.inertia import Inertia
 from steelyard.instruments import Instrument
@@ -32,34 +33,6 @@ ClockChoice = Literal["own", "common"]
 """Whose times a table has."""
 _MOST_SHOWN = 12
 """Runs that are shown one by one."""
-
-
-@dataclass(frozen=True)
-class Fault:
-    """Something wrong with a stream itself, whatever it says of the motion."""
-
-    kind: Literal[
-        "gap",
-        "dropped",
-        "late",
-        "repeated",
-        "doubled",
-        "spike",
-        "stuck",
-        "clipped",
-        "held",
-        "missing",
-    ]
-    instrument: str
-    channel: str
-    """Quantity, with the number of the component where it has several that fail alone; empty: the
-    whole stream."""
-    start: float
-    """On the clock of the stream [s]."""
-    end: float
-    """[s]"""
-    count: int
-    """Samples that it concerns; of gaps and dropped packets those that are not there."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from steelyard.experiment.faults.fault import Fault
 from steelyard.experiment.faults.held import without_held
 from steelyard.experiment.faults.of_streams import without_doubles
 from steelyard.experiment.faults.spikes import without_spikes
@@ -12,7 +13,7 @@ from steelyard.experiment.form import (
     ExperimentForm,
     RunForm,
 )
-from steelyard.experiment.model import Fault, Run
+from steelyard.experiment.model import Run
 from steelyard.experiment.streams.log_columns import needed_columns
 from steelyard.experiment.streams.place import StreamPlace
 from steelyard.experiment.streams.read_stream import first_time, read_stream

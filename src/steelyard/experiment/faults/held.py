@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Fault, Stream
+from steelyard.experiment.faults.fault import Fault
+from steelyard.experiment.model import Stream
 from steelyard.instruments import Instrument
 
 

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
+from steelyard.experiment.faults.fault import Fault
 from steelyard.experiment.faults.of_streams import channels
 from steelyard.experiment.faults.running import running_percentile
-from steelyard.experiment.model import Fault, Stream
+from steelyard.experiment.model import Stream
 from steelyard.instruments import Instrument
 
 

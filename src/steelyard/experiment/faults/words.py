@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from steelyard.experiment.model import Fault
+from steelyard.experiment.faults.fault import Fault
 
 
 def left_out_in_words(run: str, fault: Fault) -> str:
