@@ -18,7 +18,7 @@ LAYERS = [
     {"rotations", "inertia"},
     {"dynamics", "smoothing", "spectra"},
     {"files"},
-    {"json_file", "output"},
+    {"output"},
     {"logs"},
     {"robot"},
     {"imports"},

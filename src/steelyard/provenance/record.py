@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.errors import InputError
-from steelyard.json_file import read_json
+from steelyard.files.json_file import read_json
 from steelyard.output import to_json, write_json
 from steelyard.provenance.hashes import FileHash, files_of, hash_of, path_from, versions
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from steelyard.json_file import read_json
+from steelyard.files.json_file import read_json
 from steelyard.output import settle, to_json
 from steelyard.provenance.hashes import FileHash, hash_of, versions
 from steelyard.provenance.record import FILE_NAME, Provenance, read_provenance

@@ -13,9 +13,9 @@ from steelyard.estimates.estimate import FORMAT, Label
 from steelyard.estimates.named_estimate import LONGEST_NAME
 from steelyard.files.document import YamlDocument
 from steelyard.files.file_model import FileModel, validate
+from steelyard.files.json_file import read_json
 from steelyard.files.regular_file import require_file
 from steelyard.inertia import BODY_PARAMETERS
-from steelyard.json_file import read_json
 
 _MOST_VALUES = 100_000
 """Beside what is passed over; an estimate has some two hundred."""

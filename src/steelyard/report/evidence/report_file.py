@@ -11,8 +11,8 @@ from typing import Any, Literal
 from pydantic import TypeAdapter, ValidationError
 
 from steelyard.errors import InputError
+from steelyard.files.json_file import read_json
 from steelyard.files.regular_file import require_file
-from steelyard.json_file import read_json
 from steelyard.output import settle, write_file
 from steelyard.report.evidence.summary import Summary
 from steelyard.report.evidence.values import Trace

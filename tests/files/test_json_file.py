@@ -7,7 +7,7 @@ import os
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.json_file import read_json
+from steelyard.files.json_file import read_json
 
 
 def test_what_was_written_comes_back(tmp_path):
