@@ -15,9 +15,7 @@ from steelyard.experiment.model import Experiment, Run
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import basis, values_at
 from steelyard.identification.recursive.arrivals import Likeness, within
-from steelyard.identification.recursive.new_load import (
-    FIRST,
-)
+from steelyard.identification.recursive.new_load import FIRST
 from steelyard.identification.recursive.parts import (
     counted_from,
     counted_up,
@@ -28,6 +26,7 @@ from steelyard.identification.recursive.parts import (
 from steelyard.identification.recursive.passing import passed
 from steelyard.identification.recursive.recursion import Recursion
 from steelyard.identification.recursive.settling import arrived
+from steelyard.identification.recursive.spikes import forces_alone, motion_alone_in_words
 from steelyard.identification.recursive.window.grid import KnotGrid
 from steelyard.identification.recursive.window.walk import as_in_the_end, by_mass
 from steelyard.identification.recursive.window.window import Window
@@ -288,9 +287,15 @@ class Following:
             converged=fitted.fit.converged and not recursion.unsettled,
         )
         forces = tuple(part.force_samples for part in parts)
-        notes = (*fitted.lost, *_of_walk(recursion.task.experiment.mass_walk))
+        alone, force = recursion.alone, self.like.forces.name
+        notes = (
+            *fitted.lost,
+            *motion_alone_in_words(alone, force),
+            *_of_walk(recursion.task.experiment.mass_walk),
+        )
         task = replace(recursion.task, experiment=_forgotten(recursion.task.experiment))
-        whole = replace(fitted, task=task, fit=fit, force_samples=forces, lost=notes)
+        spikes = forces_alone(alone, force)
+        whole = replace(fitted, task=task, fit=fit, force_samples=forces, lost=notes, spikes=spikes)
         readings = Readings(
             self.experiment,
             recursion.state.calibration,

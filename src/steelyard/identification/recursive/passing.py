@@ -11,6 +11,7 @@ from steelyard.arrays import Array
 from steelyard.identification.banded import banded_trace
 from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.recursive.recursion import Recursion
+from steelyard.identification.recursive.spikes import numbers_of, without_spikes
 from steelyard.identification.recursive.window.levels import Liveliness
 from steelyard.identification.recursive.window.past import (
     Linear,
@@ -68,8 +69,21 @@ def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
     point = window.at(recursion.point, 0)
     then = replace(recursion.state, parameters=point[:TEN])
     segment = replace(first.segment, coefficients=window.motion[window.place(0)])
-    balances, rows = whitened_rows(recursion.task, then, segment, first.forces, tally=tally)
-    here = recursion.with_chunk(segment, first.forces, rows, 0, then).window
+    forces = first.forces
+    balances, rows = whitened_rows(recursion.task, then, segment, forces, tally=tally)
+    heard = without_spikes(
+        lambda fewer: whitened_rows(recursion.task, then, segment, fewer)[0],
+        balances,
+        forces,
+        recursion.task.settings,
+    )
+    if heard is not forces:
+        # What followed has told the motion better than it was known when the chunk arrived.
+        before, after = (numbers_of(segment, each) for each in (forces, heard))
+        recursion = recursion.without_numbers(segment.run, before, after)
+        forces, tally = heard, Tally()
+        balances, rows = whitened_rows(recursion.task, then, segment, forces, tally=tally)
+    here = recursion.with_chunk(segment, forces, rows, 0, then).window
     assert here is not None
     # The verdict asks all columns, also those that nobody estimates, of what has passed.
     own = here.chunks[0].whole.equations
@@ -78,7 +92,7 @@ def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
     remains = _remains(recursion, window, own, point)
     whole = replace(segment, coefficients=window.motion)
     noise = left_noise(recursion.task, then, whole, balances, every)
-    freedom = float(np.sum(~first.forces.touched))
+    freedom = float(np.sum(~forces.touched))
     one = np.zeros(window.grid.intervals, dtype=np.intp)
     size = segment.coefficients.size
     inverse = every.inverse[:, :size]
@@ -88,7 +102,7 @@ def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
     brought = by_stretches(segment, [narrowed(each, use) for each in rows], every, one)[2]
     part = SegmentEquations(
         segment,
-        first.forces,
+        forces,
         tuple(each.at for each in balances),
         np.concatenate([each.root**2 for each in balances]),
         BorderEquations(remains.normal, remains.right, noise, freedom),

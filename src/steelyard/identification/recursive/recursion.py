@@ -7,8 +7,8 @@ one of Gauss and Newton over window and border, with what remains of the past [D
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,6 +20,7 @@ from steelyard.identification.known_body import plausible
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import NormalEquations, Rows
+from steelyard.identification.model.sources import Source
 from steelyard.identification.recursive.settings import RECURSIVE, RecursiveSettings
 from steelyard.identification.recursive.window.chunk import Chunk
 from steelyard.identification.recursive.window.past import Linear, Point, nothing_told, of_border
@@ -64,6 +65,8 @@ class Recursion:
     passed_on: int = 0
     """Columns of the border about which what was known beforehand is part of what remains of the past:
     where the mass walks, it is forgotten with it."""
+    alone: Mapping[tuple[str, Source], int] = field(default_factory=dict)
+    """Run and quantity -> numbers that stood alone, and were left out."""
     settings: RecursiveSettings = RECURSIVE
 
     @classmethod
@@ -200,6 +203,20 @@ class Recursion:
         chunk = Chunk(segment, forces, rows, _point(about), self.use, self.task, about, every)
         chunks = (*self.window.chunks[:number], chunk, *self.window.chunks[number + 1 :])
         return replace(self, window=replace(self.window, chunks=chunks))
+
+    def without_numbers(
+        self, run: str, before: Mapping[Source, int], after: Mapping[Source, int]
+    ) -> Recursion:
+        """With numbers counted that stand alone; the very same where there are none.
+
+        Args:
+            run: Of a chunk.
+            before: Quantity -> numbers of it that counted.
+            after: The same without what stands alone.
+        """
+        fewer = {(run, own): before[own] - count for own, count in after.items()}
+        found = {key: self.alone.get(key, 0) + count for key, count in fewer.items() if count}
+        return replace(self, alone={**self.alone, **found}) if found else self
 
     def relinearised(self, number: int, segment: Segment, forces: Forces) -> Recursion:
         """With a chunk of the window linearised again where it is now.

@@ -1,27 +1,31 @@
-"""A chunk that arrives: it finds its motion, and is linearised until it has settled."""
+"""A chunk that arrives: it finds its motion, and is linearised until it has settled; readings that stand
+alone are left out.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.identification.model.balance import UNMODELLED, Forces
-from steelyard.identification.model.calibration_parameters import ROBOT
-from steelyard.identification.model.motion_residuals import motion_residuals
+from steelyard.identification.model.balance import Forces
+from steelyard.identification.model.force_residuals import WhitenedBalance
 from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.segment import Rows
+from steelyard.identification.recursive.foresight import foreseen, foreseen_without_spikes
 from steelyard.identification.recursive.recursion import Recursion
-from steelyard.identification.recursive.window.past import scaled
-from steelyard.identification.solve.fit_state import FitState
+from steelyard.identification.recursive.spikes import (
+    far_from,
+    numbers_of,
+    stands_out,
+    without_readings,
+    without_spikes,
+)
 from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.segment_equations import whitened_rows
-
-_WIDE = 1e4
-"""By how much readings are taken as noisier where none of them is to stand far; what they say counts
-the same."""
+from steelyard.identification.solve.settings import FitSettings
 
 
 def arrived(
@@ -42,78 +46,92 @@ def arrived(
     """
     assert recursion.window is not None
     longer = recursion.window.longer(motion)
-    number = len(longer.chunks)
+    number, fit = len(longer.chunks), recursion.task.settings
     segment = longer.segment(number, tuple(readings))
     here, held = replace(recursion, window=longer), motion is not None
-    if not held:
-        here = _foreseen(here, segment, forces)
-    settled = False
-    for _ in range(recursion.settings.turns):
-        assert here.window is not None
-        segment = replace(segment, coefficients=here.window.motion[longer.place(number)])
-        segment, forces = _with_jitter(here, segment, forces)
-        if not held and here.window.lively is not None:
-            segment = here.window.lively.at_least(segment, longer.grid.intervals)
-        _, rows = whitened_rows(here.task, here.state, segment, forces, border="estimated")
-        here = here.with_chunk(segment, forces, rows, number)
+    before, every = here, numbers_of(segment, forces)
+    if motion is not None:
+        # The beginning has found it as a whole, without what stands far.
+        along = _AlongMotion.of(here, segment, forces, motion, held=True)
+        forces = along.without_spikes(here, fit)
+        segment = without_readings(segment, far_from(segment, along.rows, fit))
+    else:
+        here = foreseen(here, segment, forces)
+    settled = known = False
+    for turn in range(recursion.settings.turns):
+        chunk = _AlongMotion.of(here, segment, forces, held=held)
+        if turn == 0 and not held and chunk.may_be_bent(fit):
+            again = foreseen_without_spikes(before, segment, forces)
+            if again is not None:
+                here, segment, forces = again
+                chunk = _AlongMotion.of(here, segment, forces, held=held)
+        if known:
+            heard = chunk.without_spikes(here, fit)
+            if heard is not chunk.forces:
+                chunk = _AlongMotion.of(here, chunk.segment, heard, held=held)
+            elif settled:
+                break
+        segment, forces = chunk.segment, chunk.forces
+        here = here.with_chunk(segment, forces, chunk.rows, number)
         here, promised = here.followed() if held else here.stepped()
         settled = promised < recursion.settings.arrived
-        if settled:
+        # About a motion that has settled it is looked once more what stands alone.
+        if settled and (known or not stands_out(chunk.balances, fit)):
             break
+        known = known or settled
     if held:
         here = here.known()
+    here = here.without_numbers(segment.run, every, numbers_of(segment, forces))
     return here if settled else replace(here, unsettled=here.unsettled + 1)
 
 
-def _foreseen(recursion: Recursion, segment: Segment, forces: Forces) -> Recursion:
-    """With a motion of the last chunk that its own instruments show, and then the forces with them;
-    what a motion that merely goes on is off by must not count as a reading that stands far.
+@dataclass(frozen=True, eq=False)
+class _AlongMotion:
+    """The last chunk, linearised along a motion."""
 
-    Args:
-        recursion: With a window that has coefficients for it.
-        segment: The chunk.
-        forces: Within it.
-    """
-    assert recursion.window is not None
-    here, number = recursion, len(recursion.window.chunks)
-    task, place = recursion.task, recursion.window.place(number)
-    wide = _wide(recursion.state, segment, forces)
-    held = np.full(len(task.calibration_parameters), -1, dtype=np.intp)
-    for _ in range(recursion.settings.foresights):
-        assert here.window is not None
-        segment = replace(segment, coefficients=here.window.motion[place])
-        rows = motion_residuals(
-            task.experiment, segment, wide.calibration, held, wide.factors, None, narrow=True
+    segment: Segment
+    forces: Forces
+    balances: Sequence[WhitenedBalance]
+    rows: Sequence[Rows]
+
+    @classmethod
+    def of(
+        cls,
+        recursion: Recursion,
+        segment: Segment,
+        forces: Forces,
+        motion: Array | None = None,
+        *,
+        held: bool,
+    ) -> _AlongMotion:
+        """About the motion of a window, or another one, as noisy and as lively as it is there."""
+        window = recursion.window
+        assert window is not None
+        own = window.motion[-window.grid.functions :] if motion is None else motion
+        segment, forces = _with_jitter(recursion, replace(segment, coefficients=own), forces)
+        if not held and window.lively is not None:
+            segment = window.lively.at_least(segment, window.grid.intervals)
+        balances, rows = whitened_rows(
+            recursion.task, recursion.state, segment, forces, border="estimated"
         )
-        here = here.with_chunk(segment, forces, _told(rows), number)
-        here, promised = here.followed()
-        if promised < recursion.settings.arrived:
-            break
-    assert here.window is not None
-    if len(forces.time):
-        # Readings of the motion hardly tell how it accelerates at its end, where forces do.
-        segment = replace(segment, coefficients=here.window.motion[place])
-        _, balanced = whitened_rows(task, wide, segment, forces, border="held")
-        here = here.with_chunk(segment, forces, _told(balanced), number)
-        here, _ = here.followed()
-    assert here.window is not None
-    return replace(here, window=replace(here.window, chunks=recursion.window.chunks))
+        return cls(segment, forces, balances, rows)
 
+    def without_spikes(self, recursion: Recursion, settings: FitSettings) -> Forces:
+        """The forces without readings that stand alone about this motion; the very same where none
+        does.
+        """
 
-def _told(rows: Iterable[Rows]) -> list[Rows]:
-    """What readings that are taken as noisier say as they are; what holds a motion that no instrument
-    tells is none of them.
-    """
-    return [each if each.label is None else scaled(each, _WIDE) for each in rows]
+        def look(forces: Forces) -> Sequence[WhitenedBalance]:
+            task, state = recursion.task, recursion.state
+            return whitened_rows(task, state, self.segment, forces, border="held")[0]
 
+        return without_spikes(look, self.balances, self.forces, settings)
 
-def _wide(state: FitState, segment: Segment, forces: Forces) -> FitState:
-    """A state in which all readings of a chunk are so noisy that none of them stands far."""
-    sources = [each.source for each in segment.readings]
-    sources += [(forces.name, quantity) for quantity in forces.readings]
-    sources.append((ROBOT, UNMODELLED))
-    wide = {each: _WIDE * state.factors.get(each, 1.0) for each in sources}
-    return replace(state, factors={**state.factors, **wide})
+    def may_be_bent(self, settings: FitSettings) -> bool:
+        """Whether any reading stands so far from the motion that it may have bent it."""
+        read = self.rows[: len(self.segment.readings)]
+        far = any(bool((np.abs(each.residual) > settings.lost).any()) for each in read)
+        return far or stands_out(self.balances, settings)
 
 
 def _with_jitter(recursion: Recursion, segment: Segment, forces: Forces) -> tuple[Segment, Forces]:

@@ -38,7 +38,7 @@ class Linear:
     @cached_property
     def _matrix(self) -> Array:
         """Of the motion, shape (N, N): it is small, and asked for again and again."""
-        return _dense(self.equations.band)
+        return dense(self.equations.band)
 
     def seen_from(self, point: Point) -> NormalEquations:
         """The same with the gradient at another point: the matrix stays.
@@ -186,7 +186,7 @@ def eliminated(equations: NormalEquations, kept: int) -> NormalEquations:
     """
     block, width = equations.block, len(equations.band)
     size, rest = equations.band.shape[1], kept * block
-    matrix = _dense(equations.band)
+    matrix = dense(equations.band)
     gone = size - rest
     right = np.hstack(
         [matrix[:gone, gone:], equations.side[:gone], equations.motion_gradient[:gone, None]]
@@ -196,7 +196,7 @@ def eliminated(equations: NormalEquations, kept: int) -> NormalEquations:
     last = slice(rest, -1)
     whole = matrix[gone:, gone:] - left[:rest, :rest]
     band = np.zeros((width, rest))
-    row, column = _lower(rest, rest)
+    row, column = _lower(min(width, rest), rest)
     band[row - column, column] = whole[row, column]
     return NormalEquations(
         band,
@@ -225,7 +225,7 @@ def of_border(equations: NormalEquations, point: Array) -> BorderEquations:
     return BorderEquations(normal, gradient + normal @ point, none, 0.0)
 
 
-def _dense(band: Array) -> Array:
+def dense(band: Array) -> Array:
     """A symmetric matrix in lower banded form as a whole, shape (N, N)."""
     width, size = band.shape
     row, column = _lower(min(width, size), size)

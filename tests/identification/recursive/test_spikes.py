@@ -1,0 +1,189 @@
+"""Readings that stand alone while a motion is followed: left out, told, and of no weight."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from places import DATA
+from simulated import loaded
+
+from steelyard.experiment.read import read_experiment
+from steelyard.identification.methods.loads import drawn
+from steelyard.identification.methods.recursive import Recursive
+from steelyard.identification.model.balance import Forces
+from steelyard.identification.recursive.follow import follow
+from steelyard.identification.recursive.spikes import bridged, left_out_of
+from steelyard.identification.solve.settings import FIT
+
+CELLS = 8
+SECONDS = 13.0
+
+
+def quiet(count=40):
+    """Forces that rise evenly."""
+    values = 600.0 + np.arange(count)[:, None] + 10.0 * np.arange(CELLS)
+    none = np.zeros(values.shape, dtype=bool)
+    return Forces("cables", 0.01 * np.arange(count), {"tension": values}, np.ones(CELLS), none)
+
+
+def left_out(single, whole=()):
+    forces = quiet(len(single))
+    off = np.zeros(len(single), dtype=bool)
+    off[list(whole)] = True
+    return left_out_of(forces, single, off, FIT).left_out
+
+
+def nothing(count=40):
+    return np.zeros((count, CELLS), dtype=bool)
+
+
+def test_what_stands_alone_is_left_out_and_bridged():
+    forces, single = quiet(), nothing()
+    single[[3, 20, 39], [0, 5, 2]] = True
+    forces.readings["tension"][single] = 0.0
+    found = left_out_of(forces, single, np.zeros(40, dtype=bool), FIT)
+    assert np.array_equal(found.left_out, single)
+    expected = quiet().readings["tension"]
+    expected[39, 2] = expected[38, 2]
+    assert found.readings["tension"] == pytest.approx(expected)
+    assert forces.readings["tension"][3, 0] == 0.0
+
+
+def test_where_none_does_the_forces_are_the_very_same():
+    forces = quiet()
+    assert left_out_of(forces, nothing(), np.zeros(40, dtype=bool), FIT) is forces
+    assert bridged(forces, nothing()).readings["tension"] == pytest.approx(
+        forces.readings["tension"]
+    )
+
+
+def test_a_cell_may_be_wrong_for_some_samples_but_not_for_most():
+    single = nothing()
+    single[5:20, 3] = True
+    assert np.array_equal(left_out(single), single)
+    single[5:30, 3] = True
+    assert not left_out(single).any()
+
+
+def test_what_is_alike_until_the_end_may_be_another_load():
+    single = nothing()
+    single[30:, [2, 6]] = True
+    assert not left_out(single).any()
+    # Another cell in every sample is no load.
+    single = nothing()
+    single[[35, 36, 37, 38, 39], [1, 4, 0, 7, 2]] = True
+    assert np.array_equal(left_out(single), single)
+
+
+def test_a_hand_is_no_spike_however_long_it_pushes():
+    single = nothing()
+    single[10:18, [2, 6]] = True
+    assert not left_out(single).any()
+    assert not left_out(nothing(), range(10, 14)).any()
+
+
+def test_a_sample_that_is_off_as_a_whole_is_left_out():
+    found = left_out(nothing(), [7, 8, 39])
+    assert np.flatnonzero(found.all(axis=1)).tolist() == [7, 8, 39]
+    assert np.count_nonzero(found) == 3 * CELLS
+    # A sample of which many cells are off is, too.
+    single = nothing()
+    single[12, :4] = True
+    assert np.flatnonzero(left_out(single).all(axis=1)).tolist() == [12]
+
+
+def spiked(experiment, instrument, quantity, share, size, seed=1):
+    """Single numbers of a stream that are far off, and how many."""
+    rng = np.random.default_rng(seed)
+    (run,) = experiment.runs
+    stream = run.streams[instrument]
+    values = stream.values[quantity].copy()
+    at = rng.random(values.shape) < share
+    values[at] += rng.normal(0.0, size, int(at.sum()))
+    stream = replace(stream, values={**stream.values, quantity: values})
+    run = replace(run, streams={**run.streams, instrument: stream})
+    return replace(experiment, runs=(run,)), at
+
+
+@pytest.fixture(scope="module")
+def points():
+    found = read_experiment(DATA / "points-00" / "experiment.yaml")
+    (run,) = found.runs
+    return replace(found, runs=(replace(run, window=(0.0, SECONDS)),))
+
+
+@pytest.fixture(scope="module")
+def sound(points):
+    *_, last = follow(points)
+    return last
+
+
+def farthest(found, sound, since=8.0):
+    """Largest distance of what is known, over time, in the 1-sigma of the sound recording."""
+    times = np.array([each.time for each in sound.instants])
+    # Knots, and so chunks, may be others.
+    pairs = [
+        (each, sound.instants[int(np.argmin(np.abs(times - each.time)))])
+        for each in found.instants
+        if each.time > since
+    ]
+    return max(
+        float(np.max(np.abs(one.value - other.value) / np.sqrt(np.diag(other.covariance))))
+        for one, other in pairs
+    )
+
+
+@pytest.mark.integration
+def test_of_a_sound_recording_nothing_is_left_out(sound):
+    assert not sound.recursion.alone
+    assert not any(part.force_samples.left_out.any() for part in sound.parts)
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize(("share", "most"), [(0.01, 0.5), (0.03, 2.0)])
+def test_spikes_of_forces_move_nothing(points, sound, share, most):
+    found, at = spiked(points, "cables", "tension", share, 300.0)
+    *_, last = follow(found)
+    assert farthest(last, sound) < most
+    left = sum(np.count_nonzero(part.force_samples.left_out) for part in last.parts)
+    # Of those that are within five 1-sigma nobody can tell.
+    assert 0.8 * at.sum() * SECONDS / 20.0 < left < 1.4 * at.sum()
+    ratio = last.instants[-1].covariance[0, 0] / sound.instants[-1].covariance[0, 0]
+    assert ratio < 3.0
+
+
+@pytest.mark.integration
+def test_spikes_are_counted_in_estimate_and_notes(points):
+    found, _ = spiked(points, "cables", "tension", 0.01, 300.0)
+    found, _ = spiked(found, "imu", "specific_force", 0.01, 5.0)
+    *_, last = follow(found)
+    estimate = drawn(Recursive().of, last.posterior)
+    (count,) = estimate.details["left_out"]["single_readings"].values()
+    assert count == sum(np.count_nonzero(p.force_samples.left_out) for p in last.parts)
+    assert f"run 'sine-0': {count} force readings stand alone" in " ".join(estimate.notes)
+    assert "numbers of imu, specific force, stand alone" in " ".join(estimate.notes)
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize(
+    ("quantity", "size", "seed"), [("specific_force", 5.0, 4), ("angular_velocity", 0.5, 6)]
+)
+def test_spikes_of_an_imu_move_little(points, sound, quantity, size, seed):
+    found, _ = spiked(points, "imu", quantity, 0.02, size, seed)
+    *_, last = follow(found)
+    assert not last.events
+    assert not last.recursion.unsettled
+    assert farthest(last, sound) < 1.0
+    # Nobody blames the forces for it.
+    assert {name for _, (name, _) in last.recursion.alone} == {"imu"}
+
+
+@pytest.mark.integration
+def test_a_payload_is_noticed_among_spikes():
+    recording = loaded(3, since=6.8)
+    found, _ = spiked(recording, "cables", "tension", 0.01, 300.0)
+    *_, last = follow(found)
+    (event,) = last.events
+    assert event.kind == "load"
+    assert event.time == pytest.approx(6.8, abs=0.3)
+    assert abs(event.mass - 3.2) < 4 * event.sigma
