@@ -24,6 +24,7 @@ from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.motion_segment import PARTS, Segment
 from steelyard.identification.model.segment import POSE, Rows, basis
 from steelyard.identification.solve import joint_motion
+from steelyard.identification.solve.between_fits import cuts, lengths_by_tensions
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.joint_motion import fit_jointly
@@ -213,11 +214,14 @@ def noticed(experiment: Experiment) -> list[tuple[Task, FitState, Fit]]:
         fits.append((task, state, found))
         return found
 
-    joint_motion.fit = noticing
+    fitting = (joint_motion, cuts, lengths_by_tensions)
+    for module in fitting:
+        module.fit = noticing
     try:
         fit_jointly(experiment)
     finally:
-        joint_motion.fit = fit
+        for module in fitting:
+            module.fit = fit
     return fits
 
 

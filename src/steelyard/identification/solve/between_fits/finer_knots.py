@@ -1,0 +1,157 @@
+"""Finer knots, where forces and accelerometer feel a vibration that the knots do not follow, or where
+forces resolve more of the motion than its own instruments ask for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from steelyard.identification.model.calibration_parameters import clock_of
+from steelyard.identification.model.motion_segment import Segment
+from steelyard.identification.samples.segmentation import recorded
+from steelyard.identification.samples.spline_through_poses import resampled
+from steelyard.identification.solve.beginning import (
+    Beginning,
+    Readings,
+    motion_task,
+)
+from steelyard.identification.solve.conclusion import Fitted
+from steelyard.identification.solve.fit_state import linearise, smooth
+from steelyard.identification.solve.misfits.coherence import coherence
+from steelyard.identification.solve.misfits.jitter import with_jitter
+from steelyard.identification.solve.newton_step import step_of
+from steelyard.identification.solve.noise_levels import ratios_of, spent_by
+from steelyard.identification.solve.stated_processes import with_stated
+from steelyard.smoothing import DEGREE
+
+
+@dataclass(frozen=True)
+class FinerKnots:
+    """How a run is to be followed more closely."""
+
+    spacing: float
+    """Of the knots [s]."""
+    clock: str
+    lag: float
+    """By how much that clock is later than thought [s]."""
+
+
+def on_finer_knots(readings: Readings, vibrations: Mapping[str, FinerKnots]) -> Readings:
+    """The readings on finer knots where something vibrates."""
+    experiment = readings.experiment
+    records = tuple(
+        recorded(
+            experiment,
+            run,
+            each,
+            readings.calibration,
+            vibrations[run.name].spacing,
+            readings.settings.motion,
+        )
+        if run.name in vibrations
+        else record
+        for run, each, record in zip(readings.runs, readings.samples, readings.records, strict=True)
+    )
+    return replace(readings, records=records)
+
+
+def vibrations_of(readings: Readings, fitted: Fitted) -> dict[str, FinerKnots]:
+    """Runs in which forces and accelerometer both feel what the knots do not follow."""
+    settings = readings.settings
+    finest = {segment.run: each.finest for each in readings.records for segment in each.segments}
+    state = fitted.fit.state
+    assert state.parameters is not None
+    found = {}
+    for segment, at in zip(state.segments, fitted.balances, strict=True):
+        if segment.static:
+            continue
+        spacing = float(segment.knots[DEGREE + 1] - segment.knots[DEGREE])
+        if finest[segment.run] >= settings.much_finer * spacing:
+            continue
+        mass = float(state.parameters[0])
+        own = coherence(readings.experiment, segment, at, state.calibration, mass, settings)
+        if own.correlation > settings.coherent:
+            clock = clock_of(readings.experiment, own.instrument)
+            found[segment.run] = FinerKnots(finest[segment.run], clock, own.lag)
+    return found
+
+
+def coarse_runs(readings: Readings, found: Fitted) -> dict[str, FinerKnots]:
+    """Runs whose forces scatter more than their stated noise does and whose instruments resolve
+    finer knots, with knots half as far apart.
+    """
+    settings, experiment = readings.settings, readings.experiment
+    if not found.fit.converged:
+        return {}
+    closest = {segment.run: each.closest for each in readings.records for segment in each.segments}
+    coarse = {}
+    for segment, forces in zip(found.fit.state.segments, found.force_samples, strict=True):
+        if segment.static or not _larger_noise(found, forces.name):
+            continue
+        spacing = float(segment.knots[DEGREE + 1] - segment.knots[DEGREE])
+        if closest[segment.run] < settings.much_finer * spacing:
+            finer = max(closest[segment.run], spacing / 2)
+            coarse[segment.run] = FinerKnots(finer, clock_of(experiment, forces.name), 0.0)
+    return coarse
+
+
+def _larger_noise(found: Fitted, name: str) -> bool:
+    """Whether an instrument scatters more than its stated noise does."""
+    factors, stated = found.fit.state.factors, found.fit.stated
+    return any(own[0] == name and own in stated and f > 1.0 for own, f in factors.items())
+
+
+def force_level(found: Fitted) -> float:
+    """Largest factor of the stated noise of the forces."""
+    names = {forces.name for forces in found.force_samples}
+    return max((f for own, f in found.fit.state.factors.items() if own[0] in names), default=1.0)
+
+
+def finer_explain(begun: Beginning, found: Fitted) -> bool:
+    """Whether one step of the motion on other knots takes most of what is left of the forces, its
+    freedom counted: noise, and errors of the description, stay.
+    """
+    task = replace(begun.task, force_samples=found.force_samples)
+    task, state = with_jitter(task, with_stated(task, begun.state))
+    parts, _ = linearise(task, state)
+    state = step_of(task, state, smooth(state, [each.all for each in parts])).along(
+        task, state, 1.0
+    )
+    parts, tally = linearise(task, state)
+    ratios = ratios_of(task, spent_by(smooth(state, [each.all for each in parts])), tally)
+    names = {forces.name for forces in found.force_samples}
+    return any(
+        ratios[own] < task.settings.explained * before
+        for own, before in found.fit.ratios.items()
+        if own[0] in names and own in ratios and _larger_noise(found, own[0])
+    )
+
+
+def begun_again(
+    readings: Readings, before: Fitted, vibrations: Mapping[str, FinerKnots]
+) -> Beginning:
+    """What was found, on other knots; clocks where forces and accelerometers go together best, since
+    what vibrates fits at many lags.
+    """
+    state, parameters = before.fit.state, before.task.calibration_parameters
+    values = state.calibration.values.copy()
+    for run, each in vibrations.items():
+        place = parameters.place(each.clock, "delay", run)
+        values[place] += np.where(parameters.deviation[place] > 0, each.lag, 0.0)
+    moved = [
+        _on_knots_of(new, old) for old, new in zip(state.segments, readings.segments, strict=True)
+    ]
+    state = replace(
+        state, calibration=replace(state.calibration, values=values), segments=tuple(moved)
+    )
+    return Beginning(motion_task(readings), before.motion, state, before.lost, slack=before.slack)
+
+
+def _on_knots_of(new: Segment, old: Segment) -> Segment:
+    """The motion and the readings of a segment on the knots of another."""
+    if len(old.knots) == len(new.knots):
+        return old
+    return resampled(old, replace(new, reference=old.reference, readings=old.readings))
