@@ -19,7 +19,7 @@ def read_estimates(places: Sequence[str], method: str | None = None) -> tuple[Na
         method: Of those without; None: the result of the file; ``all``: every one.
 
     Raises:
-        InputError: See :func:`read_estimate_file`, :meth:`.EstimateFile.chosen`.
+        InputError: See :func:`read_estimate_file`; or a file has no such method, or no such load.
     """
     found: list[NamedEstimate] = []
     for place in places:
