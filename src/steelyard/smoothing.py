@@ -20,7 +20,8 @@ from steelyard.arrays import Array
 
 DEGREE = 5
 """Quintic: the acceleration of a position is still a smooth cubic."""
-
+NORMAL_MEDIAN = 0.6745
+"""Median of the size of a standard normal number."""
 _PROBES = 4
 """Columns of white noise that are fitted along with the data, to see how much noise the spline lets
 through."""
@@ -142,7 +143,7 @@ def _far(values: Array, expected: Array, settings: SplineSettings) -> NDArray[np
     """Numbers that stand further from what is expected than those of their channel do."""
     residual = np.abs(values - expected)
     # The median is hardly moved by the few that stand far.
-    sigma = np.median(residual, axis=0) / 0.6745
+    sigma = np.median(residual, axis=0) / NORMAL_MEDIAN
     far = residual > settings.far * sigma + 1e-9 * np.abs(values).max(axis=0)
     # Where many stand far, none is the exception.
     return np.asarray(far & (far.mean(axis=0) <= settings.most_left_out))

@@ -173,7 +173,7 @@ class Case:
         if filtered:
             readings = sum(each.size for each in instrument.quantities(self.robot.m))
             changes = rng.normal(size=(2, n, readings)) * [[[2e3]], [[2e4]]]
-            self.changes = ReadingChanges(np.tile(changes, (4, 1, 1, 1)), 0.01)
+            self.changes = ReadingChanges(0.01, lambda: np.tile(changes, (4, 1, 1, 1)))
         self.parameters = BODY.parameters
         if self.robot.m:
             guess = {"tension": 700 + 150 * rng.normal(size=(n, self.robot.m))}

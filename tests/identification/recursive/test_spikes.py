@@ -12,7 +12,7 @@ from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.recursive.follow import follow
-from steelyard.identification.recursive.spikes import bridged, left_out_of
+from steelyard.identification.recursive.spikes import left_out_of
 from steelyard.identification.solve.settings import FIT
 
 CELLS = 8
@@ -52,7 +52,7 @@ def test_what_stands_alone_is_left_out_and_bridged():
 def test_where_none_does_the_forces_are_the_very_same():
     forces = quiet()
     assert left_out_of(forces, nothing(), np.zeros(40, dtype=bool), FIT) is forces
-    assert bridged(forces, nothing()).readings["tension"] == pytest.approx(
+    assert forces.bridged(nothing()).readings["tension"] == pytest.approx(
         forces.readings["tension"]
     )
 

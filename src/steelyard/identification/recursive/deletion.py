@@ -18,14 +18,13 @@ from steelyard.identification.recursive.spikes import LEAST_OWN, Mask
 from steelyard.identification.recursive.window.past import dense, eliminated
 from steelyard.identification.tally import median
 from steelyard.robot.model import DIRECTIONS
+from steelyard.smoothing import NORMAL_MEDIAN
 
 _TURNS = 120
 """At most, of leaving out and of giving back: a chunk has some dozens of readings that stand alone, or
 there is something else."""
 _MOST = 0.6
 """Part of the samples of the forces beyond which what is off in them is no spike."""
-_USUAL = 0.6745
-"""Median length of a standard normal number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +247,7 @@ class Deletion:
         for part in np.unique(self.part):
             own = (self.part == part) & (far > 0)
             if own.any():
-                found[own] /= max(1.0, median(far[own]) / _USUAL)
+                found[own] /= max(1.0, median(far[own]) / NORMAL_MEDIAN)
         return found
 
     def _left(self, gone: Mask, shares: Array | None = None) -> Array:

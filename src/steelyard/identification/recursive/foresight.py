@@ -25,7 +25,6 @@ from steelyard.identification.recursive.spikes import (
     MOST_FAR,
     TURNS,
     Mask,
-    bridged,
     left_out_of,
     without_readings,
 )
@@ -83,7 +82,7 @@ def foreseen_without_spikes(
     single = np.zeros_like(forces.left_out)
     # With the forces it is seen better what the motion's instruments have read.
     for _ in range(TURNS if len(forces.time) else 0):
-        shown = bridged(forces, single)
+        shown = forces.bridged(single)
         balances, rows = _of_all(here, segment, shown, wide)
         read, known = _read(rows)[: len(alone)], _foreknown(here, segment, forces, rows)
         beside = _apart(forces, shown) / forces.sigmas(segment, recursion.state.factors)

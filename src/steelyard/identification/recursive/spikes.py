@@ -19,6 +19,7 @@ from steelyard.identification.model.force_residuals import WhitenedBalance
 from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.segment import Rows
 from steelyard.identification.model.sources import Source
+from steelyard.identification.solve.misfits.outliers import farthest
 from steelyard.identification.solve.settings import FitSettings
 from steelyard.identification.tally import limit, median
 from steelyard.robot.model import DIRECTIONS
@@ -68,25 +69,21 @@ def without_spikes(
     found = forces
     whole = np.zeros(len(forces.time), dtype=bool)
     for _ in range(TURNS):
-        if not stands_out(balances, settings):
+        every = _off(balances)
+        if not any(each.stands_out(settings) for each in every):
             break
-        every = [_Off.of(each.at, each.root > 0) for each in balances]
         single = np.concatenate([each.single(settings) for each in every]) & ~found.left_out
         whole = np.concatenate([each.whole for each in every]) & ~single.any(axis=1)
         if not single.any():
             break
-        found = bridged(found, single).leaving_out(found.left_out | single)
+        found = found.bridged(single).leaving_out(found.left_out | single)
         balances = look(found)
     return left_out_of(forces, found.left_out & ~forces.left_out, whole, settings)
 
 
 def stands_out(balances: Sequence[WhitenedBalance], settings: FitSettings) -> bool:
     """Whether any sample of a chunk is so far off that a reading of it may stand alone."""
-    for each in balances:
-        off = _Off.of(each.at, each.root > 0)
-        if (off.alone > settings.alone).any() or off.whole.any():
-            return True
-    return False
+    return any(each.stands_out(settings) for each in _off(balances))
 
 
 def left_out_of(forces: Forces, single: Mask, whole: Mask, settings: FitSettings) -> Forces:
@@ -121,27 +118,7 @@ def left_out_of(forces: Forces, single: Mask, whole: Mask, settings: FitSettings
     left_out = forces.left_out | single | whole[:, None]
     if np.array_equal(left_out, forces.left_out):
         return forces
-    return bridged(forces, left_out & ~forces.left_out).leaving_out(left_out)
-
-
-def bridged(forces: Forces, alone: Mask) -> Forces:
-    """Forces in which what lies between those before and after stands in the place of readings: a cable
-    pulls and sags by what it reads, even where that does not count.
-
-    Args:
-        forces: Of a chunk.
-        alone: Readings that are no tensions, shape (n, r).
-    """
-    readings = dict(forces.readings)
-    for quantity, own in forces.places.items():
-        values = forces.readings[quantity].copy()
-        for column, lost, gone in zip(
-            values.T, alone[:, own].T, (alone | forces.left_out)[:, own].T, strict=True
-        ):
-            if lost.any() and not gone.all():
-                column[lost] = np.interp(forces.time[lost], forces.time[~gone], column[~gone])
-        readings[quantity] = values
-    return replace(forces, readings=readings)
+    return forces.bridged(left_out & ~forces.left_out).leaving_out(left_out)
 
 
 def without_readings(segment: Segment, alone: Sequence[Mask]) -> Segment:
@@ -250,13 +227,20 @@ class _Off:
         """Samples that are off as a whole, shape (n,)."""
         return np.asarray(self.size > _OFF)
 
+    def stands_out(self, settings: FitSettings) -> bool:
+        """Whether any sample is so far off that a reading of it may stand alone."""
+        return bool((self.alone > settings.alone).any() or self.whole.any())
+
     def single(self, settings: FitSettings) -> Mask:
         """Readings that explain all that is left of their sample, shape (n, r)."""
-        worst, rows = np.argmax(self.alone, axis=1), np.arange(len(self.size))
-        largest = self.alone[rows, worst]
-        rest = np.sqrt(np.maximum(self.size**2 - largest**2, 0.0))
+        worst, largest, rest = farthest(self.alone, self.size)
         near = np.maximum(limit(DIRECTIONS - 1), _NEAR * largest)
         explains = (largest > settings.alone) & (rest < near)
         found = np.zeros(self.alone.shape, dtype=bool)
-        found[rows[explains], worst[explains]] = True
+        found[np.flatnonzero(explains), worst[explains]] = True
         return found
+
+
+def _off(balances: Sequence[WhitenedBalance]) -> list[_Off]:
+    """How far the samples of balances are off."""
+    return [_Off.of(each.at, each.root > 0) for each in balances]

@@ -7,12 +7,10 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.samples.motion_streams import unbroken
-from steelyard.smoothing import Samples1D, fit
+from steelyard.smoothing import NORMAL_MEDIAN, Samples1D, fit
 
 _THIRD = float(np.sqrt(20.0))
 """1-sigma of third differences of white noise of 1-sigma one."""
-_NORMAL = 0.6745
-"""Median of the size of a standard normal number."""
 LEAST_RAPID = 4
 """Readings that have a third difference."""
 _FLICKER = 3
@@ -82,7 +80,7 @@ def by_differences(third: Array) -> Array:
     Args:
         third: Shape (n, k); NaN where there is none.
     """
-    return np.asarray(np.nanmedian(np.abs(third), axis=0) / _NORMAL / _THIRD)
+    return np.asarray(np.nanmedian(np.abs(third), axis=0) / NORMAL_MEDIAN / _THIRD)
 
 
 def stands_still(values: Array) -> bool:

@@ -15,18 +15,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.identification.model.balance.slopes import AROUND, slopes
+from steelyard.identification.model.balance.slopes import AROUND, means_of, slopes
 
-_AROUND = AROUND * 2.0 ** -np.arange(4)
+_TIMES = AROUND * 2.0 ** -np.arange(4)
 """Half the times over which changes are looked at, the longest first [s]."""
 _NOISE = 0.05
 """Part of their own noise by which corrected readings may be noisier."""
-
 _FASTEST = 2.0
 """Half the time over which changes are looked at, in time constants of the filter, at least."""
 
@@ -35,11 +35,10 @@ _FASTEST = 2.0
 class ReadingChanges:
     """How fast readings change, to the third order, as is seen over times of several lengths."""
 
-    values: Array
-    """Second and third derivatives over each time, the longest first [N/s^2], [N/s^3] and of torques,
-    shape (w, 2, n, r)."""
     step: float
     """Between the samples by which they are seen [s]."""
+    seen: Callable[[], Array]
+    """Makes the values; most recordings have no filter, and never ask for them."""
 
     @classmethod
     def of(cls, time: Array, readings: Array) -> ReadingChanges:
@@ -49,21 +48,23 @@ class ReadingChanges:
             time: Ascending [s], shape (n,).
             readings: Shape (n, r).
         """
-
-        def over(around: float) -> Array:
-            second = slopes(time, slopes(time, readings, around), around)
-            return np.stack([second, slopes(time, second, around)])
-
         step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-        return cls(np.stack([over(float(around)) for around in _AROUND]), step)
+        return cls(step, partial(_seen, time, readings))
+
+    @cached_property
+    def values(self) -> Array:
+        """Second and third derivatives over each time, the longest first [N/s^2], [N/s^3] and of
+        torques, shape (w, 2, n, r).
+        """
+        return self.seen()
 
     def at(self, own: slice | NDArray[np.bool_]) -> ReadingChanges:
         """At some of the samples."""
-        return replace(self, values=self.values[:, :, own])
+        return replace(self, seen=partial(_at, self, own))
 
-    def means(self, mean: Callable[[Array], Array]) -> ReadingChanges:
-        """With means over samples in place of each, as a function of shape (n, r) makes them."""
-        return replace(self, values=np.stack([[mean(c) for c in each] for each in self.values]))
+    def means(self, many: int) -> ReadingChanges:
+        """With means over so many samples in place of each."""
+        return replace(self, seen=partial(_means, self, many))
 
     def added(self, constant: float) -> Array:
         """What a filter of this time constant T [s] adds to readings beside its delay, shape (n, r)."""
@@ -85,5 +86,25 @@ class ReadingChanges:
         # itself; of what is faster than the filter itself the series says nothing.
         by_noise = np.cbrt(3 * self.step * constant**2 / (4 * _NOISE))
         shortest = max(float(by_noise), _FASTEST * constant)
-        place = np.log2(AROUND / max(shortest, _AROUND[-1]))
-        return np.asarray(np.maximum(0.0, 1 - np.abs(np.arange(len(_AROUND)) - max(place, 0.0))))
+        place = np.log2(AROUND / max(shortest, _TIMES[-1]))
+        return np.asarray(np.maximum(0.0, 1 - np.abs(np.arange(len(_TIMES)) - max(place, 0.0))))
+
+
+def _seen(time: Array, readings: Array) -> Array:
+    """See :attr:`ReadingChanges.values`; functions by themselves, which other processes may be sent."""
+
+    def over(around: float) -> Array:
+        second = slopes(time, slopes(time, readings, around), around)
+        return np.stack([second, slopes(time, second, around)])
+
+    return np.stack([over(float(around)) for around in _TIMES])
+
+
+def _at(whole: ReadingChanges, own: slice | NDArray[np.bool_]) -> Array:
+    """The values at some of the samples."""
+    return whole.values[:, :, own]
+
+
+def _means(whole: ReadingChanges, many: int) -> Array:
+    """The values as means over so many samples."""
+    return np.stack([[means_of(each, many) for each in over] for over in whole.values])

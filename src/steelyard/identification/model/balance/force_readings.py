@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.identification.model.balance.amplifier_filter import ReadingChanges
+from steelyard.identification.model.balance.slopes import means_of
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
 )
@@ -109,10 +110,6 @@ class Forces:
         n = len(self.time) // many * many
         if many == 1 or not n:
             return self
-
-        def mean(values: Array) -> Array:
-            return np.asarray(values[:n].reshape(n // many, many, -1).mean(axis=1))
-
         time = self.time[:n].reshape(-1, many)
         usual = float(np.median(np.diff(self.time)))
         apart = np.ptp(time, axis=1) > _GAP * (many - 1) * usual
@@ -120,18 +117,34 @@ class Forces:
         return replace(
             self,
             time=time.mean(axis=1),
-            readings={quantity: mean(values) for quantity, values in self.readings.items()},
+            readings={
+                quantity: means_of(values, many) for quantity, values in self.readings.items()
+            },
             left_out=left_out,
-            late=None if self.late is None else mean(self.late),
-            changes=None if self.changes is None else self.changes.means(mean),
+            late=None if self.late is None else means_of(self.late, many),
+            changes=None if self.changes is None else self.changes.means(many),
         )
+
+    def bridged(self, alone: NDArray[np.bool_]) -> Forces:
+        """With what lies between those before and after in the place of readings: a cable pulls and sags
+        by what it reads, even where that does not count.
+
+        Args:
+            alone: Readings that are no tensions, shape (n, r).
+        """
+        gone = alone | self.left_out
+        readings = dict(self.readings)
+        for quantity, own in self.places.items():
+            values = self.readings[quantity].copy()
+            for column, lost, out in zip(values.T, alone[:, own].T, gone[:, own].T, strict=True):
+                if lost.any() and not out.all():
+                    column[lost] = np.interp(self.time[lost], self.time[~out], column[~out])
+            readings[quantity] = values
+        return replace(self, readings=readings)
 
     def with_changes(self) -> Forces:
         """With the derivatives of the readings, those that are left out bridged."""
-        whole = np.hstack(list(self.readings.values()))
-        for column, lost in zip(whole.T, self.left_out.T, strict=True):
-            if lost.any() and not lost.all():
-                column[lost] = np.interp(self.time[lost], self.time[~lost], column[~lost])
+        whole = np.hstack(list(self.bridged(self.left_out).readings.values()))
         return replace(self, changes=ReadingChanges.of(self.time, whole))
 
     def leaving_out(self, left_out: NDArray[np.bool_]) -> Forces:

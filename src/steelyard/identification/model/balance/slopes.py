@@ -48,6 +48,17 @@ def smoothed(time: Array, values: Array) -> Array:
     return _lines(time, values, *_about(time, AROUND))[0]
 
 
+def means_of(values: Array, many: int) -> Array:
+    """Means of so many samples each, shape (n // many, k); fewer at the end are left.
+
+    Args:
+        values: Shape (n, k).
+        many: At least one.
+    """
+    count = len(values) // many
+    return np.asarray(values[: count * many].reshape(count, many, -1).mean(axis=1))
+
+
 def _about(time: Array, around: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """First sample about each time, and first one after these, shape (n,) each."""
     return np.searchsorted(time, time - around), np.searchsorted(time, time + around, side="right")

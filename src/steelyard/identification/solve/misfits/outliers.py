@@ -46,15 +46,12 @@ def look(
     count = at.noise.readings
     own, correction = at.noise.decided[:, :count], at.correction[:, :count]
     alone = np.where(force_samples.left_out, 0.0, correction / np.sqrt(np.maximum(own, 1e-12)))
-    worst = np.argmax(np.abs(alone), axis=1)
-    rows = np.arange(len(worst))
-    largest = np.abs(alone[rows, worst])
-    rest = np.sqrt(np.maximum(size**2 - largest**2, 0.0))
+    worst, largest, rest = farthest(np.abs(alone), size)
     left_out = force_samples.left_out.copy()
     # Readings that explain all that is left over are their sensors' own; the others go on.
     spikes = (largest > settings.alone) & (rest < limit(5))
     spikes &= ~_in_a_row(spikes, worst, 2 * settings.contact_samples)
-    left_out[rows[spikes], worst[spikes]] = True
+    left_out[np.flatnonzero(spikes), worst[spikes]] = True
     contacts = _contacts(at.time, (size > limit(6)) & ~spikes & ~force_samples.touched, settings)
     touched = np.zeros(len(size), dtype=bool)
     for start, end in contacts:
@@ -69,6 +66,19 @@ def look(
         spikes=tuple((float(at.time[i]), int(worst[i])) for i in np.flatnonzero(spikes & ~touched)),
         changed=bool(np.any(left_out != force_samples.left_out)),
     )
+
+
+def farthest(alone: Array, size: Array) -> tuple[NDArray[np.intp], Array, Array]:
+    """Of every sample the reading that is off farthest, how far it is, and what is left of the sample
+    without it, shape (n,) each.
+
+    Args:
+        alone: How far every reading is off by itself, in its own 1-sigma, shape (n, r).
+        size: Length of the residual of every sample, shape (n,).
+    """
+    worst = np.argmax(alone, axis=1)
+    largest = alone[np.arange(len(worst)), worst]
+    return worst, largest, np.sqrt(np.maximum(size**2 - largest**2, 0.0))
 
 
 def _in_a_row(spikes: NDArray[np.bool_], worst: NDArray[np.intp], many: int) -> NDArray[np.bool_]:
