@@ -5,6 +5,8 @@ of the mass and what was found beside the body, and the first reason of a reject
 
 `--drawn SEEDS` draws other recordings of the same kinds (`rough/`, which needs MuJoCo), on robots with
 three to twelve cables, and sums them up by kind and by robot; NAME is then the name of a kind.
+
+`--part START SECONDS` takes a part of every motion only, as who has little time records.
 """
 
 from __future__ import annotations
@@ -15,16 +17,18 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from recordings import SHARED, chi_square
 
 from steelyard.errors import InputError
+from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import Identification, identify
 from steelyard.identification.methods.from_posterior.unstated import found_errors
+from steelyard.identification.solve.long_recording import span_of
 from steelyard.inertia import Inertia
 
 _PLACES = SHARED / "rough-robots", Path(__file__).parents[1] / "tests" / "data" / "rough-robots"
@@ -86,11 +90,35 @@ def drawn(
                 yield robot, kind, path, Inertia.from_body_parameters(body)
 
 
-def row_of(name: str, kind: str, robot: str, path: Path, truth: Inertia) -> Row:
-    """Identify one."""
+def of_part(experiment: Experiment, part: tuple[float, float]) -> Experiment:
+    """A part of every motion only.
+
+    Args:
+        part: Where it begins, after the beginning of the motion, and how long it is [s].
+    """
+
+    def cut(run: Run) -> Run:
+        start, end = span_of(experiment, run)
+        return replace(run, window=(start + part[0], min(end, start + sum(part))))
+
+    runs = tuple(each if each.static else cut(each) for each in experiment.runs)
+    return replace(experiment, runs=runs)
+
+
+def row_of(
+    name: str,
+    kind: str,
+    robot: str,
+    path: Path,
+    truth: Inertia,
+    part: tuple[float, float] | None,
+) -> Row:
+    """Identify one, or a part of it."""
     start = time.process_time()
     try:
-        found = identify(read_experiment(path), ["maximum-likelihood"])
+        experiment = read_experiment(path)
+        experiment = of_part(experiment, part) if part else experiment
+        found = identify(experiment, ["maximum-likelihood"])
     except InputError as refusal:
         why = str(refusal).split(": ", 1)[-1][:90]
         return Row(name, kind, robot, "refused", np.nan, 0, np.nan, 0.0, why)
@@ -130,21 +158,23 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--robots", nargs="*", default=[], help="of drawn recordings")
     parser.add_argument("--seconds", type=float, default=20.0, help="length of drawn recordings")
+    parser.add_argument("--part", type=float, nargs=2, metavar=("START", "SECONDS"), help="of each")
     given = parser.parse_args(arguments)
+    part = tuple(given.part) if given.part else None
     print(
         f"{'recording':34}{'verdict':>13}{'chi2/k':>8}{'k':>4}{'mass error':>12}{'CPU':>7}  found"
     )
     if not given.drawn:
         for name, path, truth in imperfect():
             if not given.names or name in given.names:
-                print(row_of(name, name, "", path, truth), flush=True)
+                print(row_of(name, name, "", path, truth, part), flush=True)
         return
     rows = []
     seeds = range(given.first, given.first + given.drawn)
     with tempfile.TemporaryDirectory() as out:
         every = drawn(seeds, given.names, given.robots, given.seconds, Path(out))
         for robot, kind, path, truth in every:
-            rows.append(row_of(path.parent.name, kind, robot, path, truth))
+            rows.append(row_of(path.parent.name, kind, robot, path, truth, part))
             print(rows[-1], flush=True)
     for of in (lambda row: row.kind, lambda row: row.robot):
         print("", *summed_up(rows, of), sep="\n")

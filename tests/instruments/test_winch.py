@@ -30,7 +30,7 @@ from steelyard.instruments.equations import (
     predict,
     solve_for,
 )
-from steelyard.instruments.tension import rolled
+from steelyard.instruments.tension import rolled, rolled_along
 from steelyard.motion.state import State, motion_of_poses
 from steelyard.motion.trajectory import RestToRest
 from steelyard.robot.file import read_robot
@@ -528,8 +528,9 @@ def test_rollers_at_rest_hold_nothing_in_the_mean():
 # What it remembers
 
 
+@pytest.mark.parametrize("start", [0.0, -0.8, 0.5])
 @pytest.mark.parametrize("presliding", [0.0005, 0.003, 0.02])
-def test_friction_builds_up_as_dahl_has_it(presliding):
+def test_friction_builds_up_as_dahl_has_it(presliding, start):
     """Against a general solver of his differential equation."""
     times = np.linspace(0.0, 4.0, 401)
 
@@ -541,9 +542,9 @@ def test_friction_builds_up_as_dahl_has_it(presliding):
         return rate / presliding * (1 - z * np.sign(rate))
 
     expected = solve_ivp(
-        slope, (0.0, 4.0), [0.0], t_eval=times, rtol=1e-8, atol=1e-10, max_step=0.001
+        slope, (0.0, 4.0), [start], t_eval=times, rtol=1e-8, atol=1e-10, max_step=0.001
     ).y[0]
-    found = rolled(length(times)[:, None], presliding)[:, 0]
+    found = rolled(length(times)[:, None], presliding, np.array([start]))[0][:, 0]
     # Where a cable turns around between samples a travel of a tenth of a millimetre is lost.
     assert np.abs(found - expected).max() < 0.1
     assert np.sqrt(np.mean((found - expected) ** 2)) < 0.01
@@ -551,8 +552,46 @@ def test_friction_builds_up_as_dahl_has_it(presliding):
 
 def test_a_cable_at_rest_forgets_nothing():
     lengths = np.array([[0.0], [0.01], [0.01], [0.01]])
-    found = rolled(lengths, 0.01)[:, 0]
+    found = rolled(lengths, 0.01, np.zeros(1))[0][:, 0]
     assert found[1:] == pytest.approx(1 - np.exp(-1.0))
+
+
+def wandering(seed: int, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and rotations of a platform that turns around often."""
+    rng = np.random.default_rng(seed)
+    steps = 0.002 * np.cumsum(rng.normal(size=(n, 3)), axis=0)
+    turns = 0.001 * np.cumsum(rng.normal(size=(n, 3)), axis=0)
+    return steps + np.array([0.0, 0.0, 3.0]), Rotation.from_rotvec(turns).as_matrix()
+
+
+@pytest.mark.parametrize("presliding", [0.003, 0.0001, -0.0002])
+def test_what_rollers_remember_follows_travel_and_start_as_differences_say(presliding):
+    robot, motion = read_robot("cogiro"), wandering(0, 60)
+    start = np.linspace(-0.9, 0.9, robot.m)
+    step = 1e-7
+
+    def at(travel: float, begun: np.ndarray) -> np.ndarray:
+        errors = {"presliding": np.array([travel]), "presliding_start": begun}
+        return rolled_along(robot, *motion, errors).value
+
+    found = rolled_along(
+        robot, *motion, {"presliding": np.array([presliding]), "presliding_start": start}
+    )
+    np.testing.assert_array_equal(found.value, at(presliding, start))
+    by_travel = (at(presliding + step, start) - at(presliding - step, start)) / (2 * step)
+    np.testing.assert_allclose(found.by_travel, by_travel, rtol=1e-5, atol=1e-5)
+    by_start = at(presliding, start + 0.5) - at(presliding, start - 0.5)
+    np.testing.assert_allclose(found.by_start, by_start, rtol=1e-9, atol=1e-12)
+
+
+def test_rollers_go_on_from_one_part_of_a_motion_to_the_next():
+    robot, (position, rotation) = read_robot("cogiro"), wandering(1, 60)
+    errors = {"presliding": np.array([0.02]), "presliding_start": np.full(robot.m, 0.7)}
+    whole = rolled_along(robot, position, rotation, errors)
+    first = rolled_along(robot, position[:25], rotation[:25], errors)
+    second = rolled_along(robot, position[25:], rotation[25:], errors, first.last)
+    for one, other, every in zip(first, second, whole, strict=True):
+        np.testing.assert_allclose(np.concatenate([one, other]), every, rtol=1e-10, atol=1e-13)
 
 
 def test_a_recording_says_what_the_rollers_remember():
@@ -580,6 +619,7 @@ def test_a_recording_says_what_the_rollers_remember():
     time = streams["cables"].time - sync["cables"]
     state = motion.at(time)
     lengths = cables_at(robot, state.position, state.rotation, np.ones(robot.m)).length
-    expected = 500.0 * (1 - 0.1 * rolled(lengths, 0.05))
+    start = errors["cables"].calibration["presliding_start"]
+    expected = 500.0 * (1 - 0.1 * rolled(lengths, 0.05, start)[0])
     found = streams["cables"].values["tension"]
     assert np.abs(found - expected)[50:].max() < 1.0

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment, Run
-from steelyard.identification.model.balance import Balance, Forces, balance_of
+from steelyard.identification.model.balance import Balance, Forces, balance_of, parts_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.carried_tensions import carried_tensions
 from steelyard.identification.model.followed_tensions import Carried, stretching
@@ -153,7 +153,7 @@ def _forces(
     calibration, parameters, factors = state.calibration, state.parameters, state.factors
     parts: list[tuple[Segment, Forces, Balance]] = []
     for segment, forces in own:
-        for part in forces.parts():
+        for part in parts_of(experiment, segment, forces, calibration):
             parts.append(
                 (
                     segment,

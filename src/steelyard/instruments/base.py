@@ -109,6 +109,8 @@ class Term:
     """Quantity of which that is a part, times its usual reading; empty: it has the unit."""
     positive: bool = False
     """Whether no device has it below zero; an estimate may be, within its uncertainty."""
+    of_motion: bool = False
+    """Whether it acts in motion only: of poses at rest there is none."""
 
     @property
     def mean(self) -> Array:

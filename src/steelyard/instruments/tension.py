@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -44,6 +44,10 @@ GAINS = ("gain", "common_gain")
 stretch of cables multiplied alike read the same."""
 PRESLIDING = "presliding"
 """Key of that travel."""
+PRESLIDING_START = "presliding_start"
+"""Key of how far the friction of rollers has built up where a run begins."""
+_START = 0.6
+"""Its 1-sigma: anything between the whole friction one way and the other."""
 _LEAST_TRAVEL = 3e-4
 """Travel that is none at the rates of real sensors [m]."""
 _STEPS = 0
@@ -69,6 +73,9 @@ class TensionCalibration(ForceCalibration):
     presliding: Prior | None = None
     """Travel of the cable over which that builds up after it has turned around [m]; None: .003 about
     .003 at the winch."""
+    presliding_start: Prior | None = None
+    """How far it has built up where a run begins, from -1 to 1; None: 0 +- .6 in every run at the
+    winch, since nobody knows how a robot came to be where it is."""
     viscous: Prior | None = None
     """Resistance of the roller to its rate [N s/m]; None: none at the winch, unless the readings ask
     for it."""
@@ -93,7 +100,7 @@ class Tension(Instrument):
 
     @model_validator(mode="after")
     def _only_rollers_rub(self) -> Tension:
-        for key in ("friction", "presliding", "viscous"):
+        for key in ("friction", "presliding", "presliding_start", "viscous"):
             if self.end == "platform" and getattr(self.calibration, key) is not None:
                 raise ValueError(
                     f"expected no key '{key}' under 'calibration' of sensors at the platform end,"
@@ -155,6 +162,7 @@ class Tension(Instrument):
                     of_reading="tension",
                     positive=True,
                 ),
+                Term(PRESLIDING_START, m, "1", c.presliding_start or _anything(), of_motion=True),
             )
         )
 
@@ -200,36 +208,93 @@ def _behind_rollers(state: State, friction: Symbol, viscous: Symbol, robot: Robo
     return pulling - viscous * rate
 
 
-def rolled(lengths: Array, presliding: float) -> Array:
-    r"""How far the friction of rollers has built up along a motion, from -1 to 1, shape (n, m).
+class RollerState(NamedTuple):
+    """What rollers remember at an instant, shape (m,) each."""
+
+    length: Array
+    """Of the straight cables, by which the rollers turn [m]."""
+    value: Array
+    """How far their friction has built up, from -1 to 1."""
+    by_travel: Array
+    """How that follows the travel over which it builds up [1/m]."""
+    by_start: Array
+    """How it follows what it was where the run began."""
+
+
+class Rolled(NamedTuple):
+    """What rollers remember along a motion, shape (n, m) each; see :class:`RollerState`."""
+
+    length: Array
+    value: Array
+    by_travel: Array
+    by_start: Array
+
+    @property
+    def last(self) -> RollerState:
+        """At the last sample."""
+        return RollerState(*(each[-1] for each in self))
+
+
+def rolled(
+    lengths: Array, presliding: float, start: Array, before: Array | None = None
+) -> tuple[Array, Array, Array]:
+    r"""How far the friction of rollers builds up along a motion, how that follows the travel over
+    which it does so [1/m], and how it follows what it was, shape (n, m) each.
 
     :math:`\mathrm{d}z / \mathrm{d}l = (1 - z \operatorname{sgn} \dot l) / s` (Dahl [Dahl1968]_), exact
-    where a cable runs one way between samples. It begins with nothing.
+    where a cable runs one way between samples.
 
     Args:
         lengths: Of the cables, one sample after the other [m], shape (n, m).
         presliding: Travel s over which it builds up [m].
+        start: What it was, shape (m,).
+        before: Lengths then [m], shape (m,); None: those of the first sample.
     """
-    steps = np.diff(lengths, axis=0)
-    kept, sign = np.exp(-np.abs(steps) / presliding), np.sign(steps)
-    found = np.zeros_like(lengths)
-    for i in range(len(steps)):
-        found[i + 1] = sign[i] + (found[i] - sign[i]) * kept[i]
-    return found
+    steps = np.diff(lengths, axis=0, prepend=lengths[:1] if before is None else before[None])
+    share, sign = np.abs(steps) / presliding, np.sign(steps)
+    kept = np.exp(-share)
+    value, by_travel, by_start = (np.empty_like(lengths) for _ in range(3))
+    z, by_s, by_z = start, np.zeros_like(start), np.ones_like(start)
+    for i in range(len(lengths)):
+        by_s = kept[i] * (by_s + (z - sign[i]) * share[i] / presliding)
+        z, by_z = sign[i] + (z - sign[i]) * kept[i], by_z * kept[i]
+        value[i], by_travel[i], by_start[i] = z, by_s, by_z
+    return value, by_travel, by_start
 
 
-def rolled_along(robot: Robot, position: Array, rotation: Array, presliding: float) -> Array:
-    """How far the friction of the rollers has built up along a motion, shape (n, m).
+def rolled_along(
+    robot: Robot,
+    position: Array,
+    rotation: Array,
+    errors: Mapping[str, Array],
+    before: RollerState | None = None,
+) -> Rolled:
+    """What rollers remember along a motion.
 
     Args:
-        robot: With straight cables, whose lengths make the rollers turn.
+        robot: Whose rollers turn.
         position: Of the platform in the world frame [m], shape (n, 3).
         rotation: Platform to world frame, shape (n, 3, 3).
-        presliding: Travel over which it builds up [m]. What an estimate takes it for may be
+        errors: Systematic errors of :class:`Tension`. What an estimate takes the travel for may be
             negative, which is none: so it is smooth from one to the other.
+        before: What they remember of before; None: the run begins.
     """
     lengths = cables_at(robot.with_straight_cables(), position, rotation, np.ones(robot.m)).length
-    return rolled(lengths, (presliding + float(np.hypot(presliding, _LEAST_TRAVEL))) / 2)
+    stated = float(np.squeeze(errors[PRESLIDING]))
+    wide = float(np.hypot(stated, _LEAST_TRAVEL))
+    travel, by_stated = (stated + wide) / 2, (1 + stated / wide) / 2
+    if before is None:
+        start = np.broadcast_to(errors[PRESLIDING_START], robot.m)
+        value, by_travel, by_start = rolled(lengths, travel, start)
+        return Rolled(lengths, value, by_stated * by_travel, by_start)
+    value, by_travel, kept = rolled(lengths, travel, before.value, before.length)
+    by_travel = by_stated * by_travel + kept * before.by_travel
+    return Rolled(lengths, value, by_travel, kept * before.by_start)
+
+
+def _anything() -> Prior:
+    """Of friction that may have been built up by anything."""
+    return Prior.model_validate({"sigma": _START, "per": "run"})
 
 
 def _presliding() -> Prior:

@@ -16,7 +16,7 @@ from steelyard.instruments import Instrument
 from steelyard.instruments.base import TIME_CONSTANT, Term, is_absent
 from steelyard.instruments.equations import predict
 from steelyard.instruments.length import CABLE_DAMPING
-from steelyard.instruments.tension import PRESLIDING, rolled_along
+from steelyard.instruments.tension import rolled_along
 from steelyard.motion.state import State
 from steelyard.robot.kinematics import attachments_at
 from steelyard.robot.model import Robot
@@ -156,7 +156,7 @@ def _filtered(
     """
     constant = float(np.squeeze(calibration.get(TIME_CONSTANT, 0.0)))
     if instrument.remembers:
-        source = _Remembering(source, robot, float(np.squeeze(calibration[PRESLIDING])))
+        source = _Remembering(source, robot, calibration)
     damping = calibration.get(CABLE_DAMPING, np.zeros(2))
     if np.any(damping):
         source = _Damping(source, robot, damping)
@@ -219,8 +219,8 @@ class _Remembering:
 
     response: Response
     robot: Robot
-    presliding: float
-    """[m]"""
+    errors: Mapping[str, Array]
+    """Of the sensors behind them."""
 
     @property
     def duration(self) -> float:
@@ -232,7 +232,8 @@ class _Remembering:
         """Times [s], shape (k,), and what the rollers remember then, shape (k, m)."""
         times = np.arange(0.0, self.duration + _STEP, _STEP)
         state = self.response.at(times)
-        return times, rolled_along(self.robot, state.position, state.rotation, self.presliding)
+        along = rolled_along(self.robot, state.position, state.rotation, self.errors)
+        return times, along.value
 
     def at(self, times: Array) -> State:
         """See :class:`.Response`."""

@@ -22,6 +22,9 @@ from steelyard.identification.model.balance import (
     ReadingChanges,
     balance,
     balance_of,
+    force_readings,
+    part_of,
+    parts_of,
 )
 from steelyard.identification.model.calibration_parameters import (
     DRAG,
@@ -40,7 +43,7 @@ from steelyard.identification.model.segment import POSE, spread
 from steelyard.identification.tally import Tally, limit
 from steelyard.instruments import Attitude, Tension, Wrench
 from steelyard.instruments.base import TIME_CONSTANT
-from steelyard.instruments.tension import PRESLIDING
+from steelyard.instruments.tension import PRESLIDING, PRESLIDING_START
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
 from steelyard.smoothing import DEGREE, knots
@@ -48,6 +51,7 @@ from steelyard.smoothing import DEGREE, knots
 START, END, SPACING = 0.2, 3.0, 0.4  # [s]
 GRID = knots(START, END, SPACING)
 STEP = 1e-5  # of central differences, of a coefficient, a parameter in its size, a systematic error
+ROLLERS = frozenset({PRESLIDING, PRESLIDING_START})
 DIFFERENCES = 2e-6  # relative to the largest; what curves over a metre, a second, a radian, in wrenches of a kN
 BALANCED = 1e-8  # [N], [N m]; rounding of sums of forces of a kN
 CONSTRAINED = 1e-5  # in 1-sigma; where SciPy's general solver ends
@@ -135,6 +139,8 @@ class Case:
                 values[place] = 0.0
             if key[1] == PRESLIDING:
                 values[place] = 0.1
+            if key[1] == PRESLIDING_START:
+                values[place] = 0.6 * drawn[place]
             if disturbed and "gain" in key[1]:
                 # How an error of a gain changes the sight of an unmodelled wrench as the platform
                 # moves is of no account.
@@ -301,11 +307,7 @@ def test_balanced_forces_leave_nothing(case):
 @contextmanager
 def rollers_held(found):
     """What the rollers remember does not follow the motion: that it does is of no account."""
-    rolling = found.balance().motion.get("rolling")
-    if rolling is None:
-        yield
-        return
-    with mock.patch.object(balance, "rolled_along", return_value=rolling):
+    with mock.patch.object(balance, "remembered", return_value=found.balance().rolled):
         yield
 
 
@@ -340,7 +342,7 @@ def test_derivatives_by_every_systematic_error_are_those_of_differences(case):
     for (owner, key, run), place in found.calibration_parameters.places.items():
         way = np.zeros(len(found.calibration_parameters))
         way[place] = rng.normal(size=len(way[place]))
-        with nullcontext() if key == PRESLIDING else rollers_held(found):
+        with nullcontext() if key in ROLLERS else rollers_held(found):
             expected = central_differences(
                 lambda v: found.balance(values=v).left_over, found.calibration.values, [way]
             )
@@ -531,6 +533,7 @@ def gains(found):
     arms = np.einsum("nij,mj->nmi", R, found.robot.attachments)
     lengths = np.linalg.norm(pose[:, None, :3] + arms - found.robot.anchors, axis=2)
     built_up = np.zeros_like(lengths)
+    built_up[0] = e["presliding_start"]
     for i, travel in enumerate(np.diff(lengths, axis=0)):
         # The solution of Dahl's equation where a cable runs one way.
         end = np.sign(travel)
@@ -871,7 +874,7 @@ def test_they_follow_body_and_systematic_errors_as_differences_do(stretching):
     places = [
         place
         for (owner, key, _), place in found.calibration_parameters.places.items()
-        if key not in {"delay", TIME_CONSTANT, PRESLIDING} and not key.startswith(SURROUNDINGS)
+        if key not in {"delay", TIME_CONSTANT, *ROLLERS} and not key.startswith(SURROUNDINGS)
     ]
     places = np.concatenate([np.arange(p.start, p.stop) for p in places])
     ways = np.eye(len(found.calibration_parameters))[places]
@@ -983,3 +986,20 @@ def test_at_rest_nothing_lags():
     at = followed(Case(force="platform end", static=True))
     for rates in (at.rate, at.bend, at.feed):
         assert not rates.any()
+
+
+@pytest.mark.parametrize("force", ["platform end", "winch end"])
+def test_a_balance_in_parts_is_the_whole(force, monkeypatch):
+    found = Case(force)
+    whole = found.balance()
+    monkeypatch.setattr(force_readings, "_AT_ONCE", 3)
+    parts = list(parts_of(found.experiment, found.segment, found.forces, found.calibration))
+    assert len(parts) > 1
+    told = np.concatenate([found.balance(forces=each).left_over for each in parts])
+    np.testing.assert_allclose(told, whole.left_over, rtol=1e-9, atol=1e-9)
+    later = part_of(
+        found.experiment, found.segment, found.forces, found.calibration, slice(4, None)
+    )
+    np.testing.assert_allclose(
+        found.balance(forces=later).left_over, whole.left_over[4:], rtol=1e-9, atol=1e-9
+    )

@@ -12,7 +12,7 @@ from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.recursive.follow import follow
-from steelyard.identification.recursive.spikes import left_out_of
+from steelyard.identification.recursive.spikes import few_or_none, left_out_of, usual
 from steelyard.identification.solve.settings import FIT
 
 CELLS = 8
@@ -90,6 +90,31 @@ def test_a_sample_that_is_off_as_a_whole_is_left_out():
     single = nothing()
     single[12, :4] = True
     assert np.flatnonzero(left_out(single).all(axis=1)).tolist() == [12]
+
+
+def test_what_many_numbers_are_off_by_is_no_spike():
+    far = np.zeros((50, 3), dtype=bool)
+    far[::4, 0] = True
+    assert few_or_none(far) is far
+    far[::2, 1] = True
+    assert not few_or_none(far).any()
+    # Of a few samples one may be off as a whole.
+    far = np.zeros((5, 3), dtype=bool)
+    far[2] = True
+    assert few_or_none(far) is far
+
+
+def test_a_sample_is_held_against_those_about_it():
+    size = np.full(40, 2.3)
+    heard = np.ones(40, dtype=bool)
+    size[12] = 9.0
+    assert usual(size, heard)[12] == pytest.approx(1.0, rel=0.02)
+    # A spike of three samples stands alone, a stretch that is off does not.
+    size[11:14] = 9.0
+    assert usual(size, heard)[12] == pytest.approx(1.0, rel=0.02)
+    size[8:17] = 9.0
+    assert usual(size, heard)[12] == pytest.approx(9.0 / 2.3, rel=0.02)
+    assert usual(np.zeros(3), np.zeros(3, dtype=bool)) == pytest.approx(1.0)
 
 
 def spiked(experiment, instrument, quantity, share, size, seed=1):

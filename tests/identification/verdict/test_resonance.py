@@ -2,6 +2,7 @@
 
 import importlib
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -147,3 +148,25 @@ def test_what_seems_to_touch_it_again_and_again_is_no_touch(rough):
 @pytest.mark.parametrize("seed", range(4))
 def test_a_rigid_body_has_none(seed):
     assert resonance(fit_jointly(sound(seed))) is None
+
+
+BEGINS = 5.0
+"""In the middle of a motion [s]."""
+
+
+def ringing(since, acceleration, rotation):
+    """A platform that rings on its cables after a move, as a part that hung at rest in the beginning
+    would.
+    """
+    omega, later = 2 * np.pi * 2.7, np.maximum(since - BEGINS, 0.0)
+    along = 90.0 * acceleration.derivative()(BEGINS) / omega
+    waves = np.exp(-0.01 * omega * later) * np.sin(omega * later)
+    return np.einsum("nji,j->ni", rotation, along) * waves[:, None]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_platform_that_rings_freely_is_one_body(seed):
+    experiment = withstood(sound(seed), ringing)
+    (run,) = experiment.runs
+    late = replace(experiment, runs=(replace(run, window=(BEGINS, BEGINS + 5.0)),))
+    assert resonance(fit_jointly(late)) is None

@@ -24,7 +24,7 @@ from steelyard.identification.known_body import plausible
 from steelyard.identification.methods.from_posterior.finished import finished
 from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.method import PosteriorMethod
-from steelyard.identification.model.balance import Forces, regressor_at
+from steelyard.identification.model.balance import Forces, parts_of, regressor_at
 from steelyard.identification.model.force_residuals import WhitenedBalance, whitened_balance
 from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.motion_segment import Segment
@@ -268,7 +268,7 @@ def _rows(
     column_of = np.arange(TEN, k, dtype=np.intp)
     shared = experiment, segment
     rows = list(motion_residuals(*shared, state.calibration, column_of, state.factors, None))
-    for part in forces.parts():
+    for part in parts_of(*shared, forces, state.calibration):
         balance = whitened_balance(
             *shared,
             part,

@@ -14,6 +14,7 @@ from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import (
     Forces,
     balance_times,
+    part_of,
 )
 from steelyard.identification.model.balance.linearised import BalancePoint, point_of
 from steelyard.identification.model.balance.slopes import AROUND, slopes
@@ -73,7 +74,8 @@ def carried_tensions(
         whole = balance_times(experiment, segment, forces, calibration)
         around = 0.0 if segment.static else AROUND
         first, last = np.searchsorted(whole, [times.min() - around, times.max() + around])
-        part = forces.part(slice(max(0, int(first) - 1), int(last) + 2))
+        own = slice(max(0, int(first) - 1), int(last) + 2)
+        part = part_of(experiment, segment, forces, calibration, own)
         asked = column_of if narrow else None
         point = point_of(experiment, segment, part, calibration, body, factors, asked)
         return _interpolated(_carried_of(point, column_of, body), point.at.time, times)

@@ -21,6 +21,7 @@ from steelyard.identification.model.balance import (
     UNMODELLED,
     Balance,
     Forces,
+    parts_of,
 )
 from steelyard.identification.model.balance.linearised import point_of
 from steelyard.identification.model.calibration_parameters import (
@@ -85,7 +86,7 @@ def force_residuals(
     """Whitened balance of forces and motion, some samples at a time; arguments as of
     :func:`whitened_balance`.
     """
-    for part in force_samples.parts():
+    for part in parts_of(experiment, segment, force_samples, calibration):
         yield from whitened_balance(
             experiment, segment, part, calibration, column_of, parameters, factors, tally, held
         ).rows

@@ -125,4 +125,5 @@ def _forces(
         late=None,
         # The end of a stream tells no third derivative.
         changes=None,
+        before=None,
     )

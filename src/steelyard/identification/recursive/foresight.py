@@ -22,9 +22,9 @@ from steelyard.identification.model.segment import Rows
 from steelyard.identification.recursive.deletion import Deletion, Foreknown
 from steelyard.identification.recursive.recursion import Recursion
 from steelyard.identification.recursive.spikes import (
-    MOST_FAR,
     TURNS,
     Mask,
+    few_or_none,
     left_out_of,
     without_readings,
 )
@@ -116,7 +116,7 @@ def _few(alone: Mask, rows: Sequence[Rows]) -> list[Mask]:
     # Behind the last of them nothing is left.
     *parts, _ = np.split(alone, np.cumsum([int(each.residual.size) for each in rows]).astype(int))
     every = [own.reshape(each.residual.shape) for own, each in zip(parts, rows, strict=True)]
-    return [each if each.mean() <= MOST_FAR else np.zeros_like(each) for each in every]
+    return [few_or_none(each) for each in every]
 
 
 def _read(rows: Sequence[Rows]) -> list[Rows]:

@@ -38,6 +38,7 @@ from steelyard.identification.solve.segment_equations import (
 )
 from steelyard.identification.tally import Tally
 from steelyard.inertia import TEN
+from steelyard.instruments.tension import RollerState
 from steelyard.smoothing import DEGREE
 
 
@@ -115,7 +116,9 @@ def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
     )
     forgets, grid = recursion.settings.forgets, window.grid
     kept = Point(window.motion[grid.intervals : grid.functions], point)
-    shorter = _shorter(window, Linear(remains.equations, kept))
+    rolled = balances[-1].at.rolled if balances and len(forces.time) else None
+    memory = None if rolled is None else rolled.last
+    shorter = _shorter(window, Linear(remains.equations, kept), memory)
     lively = window.lively or Liveliness.of(segment, forgets / grid.spacing)
     lively = lively.followed(segment, inverse, grid.intervals, forgets)
     return replace(recursion, window=replace(shorter, lively=lively)), part
@@ -166,17 +169,22 @@ def _compared(recursion: Recursion, remains: _Remains, run: str) -> Blocks:
     return Blocks(normal[None], right[None], np.array([number]))
 
 
-def _shorter(window: Window, past: Linear) -> Window:
+def _shorter(window: Window, past: Linear, memory: RollerState | None) -> Window:
     """A window without its first chunk.
 
     Args:
         window: With it.
         past: What remains of all before the second.
+        memory: What rollers remember of it now, better than when the second arrived; None: nothing.
     """
+    chunks = window.chunks[1:]
+    if memory is not None and chunks:
+        second = replace(chunks[0].forces, before=memory)
+        chunks = (replace(chunks[0], forces=second), *chunks[1:])
     return replace(
         window,
         first=window.first + 1,
-        chunks=window.chunks[1:],
+        chunks=chunks,
         motion=window.motion[window.grid.intervals :],
         past=past,
         steps=window.steps[1:],

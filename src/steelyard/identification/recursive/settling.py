@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.identification.model.balance import Forces
+from steelyard.identification.model.balance import Forces, balance_of
 from steelyard.identification.model.force_residuals import WhitenedBalance
 from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.segment import Rows
@@ -26,6 +26,10 @@ from steelyard.identification.recursive.spikes import (
 from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.segment_equations import whitened_rows
 from steelyard.identification.solve.settings import FitSettings
+
+_SAME_MEMORY = 0.02
+"""By how much what rollers remember may differ from what a chunk was linearised with: of some newtons
+of friction that is less than noise."""
 
 
 def arrived(
@@ -49,6 +53,7 @@ def arrived(
     number, fit = len(longer.chunks), recursion.task.settings
     segment = longer.segment(number, tuple(readings))
     here, held = replace(recursion, window=longer), motion is not None
+    forces = _remembering(here, number, forces)
     before, every = here, numbers_of(segment, forces)
     if motion is not None:
         # The beginning has found it as a whole, without what stands far.
@@ -75,6 +80,10 @@ def arrived(
         here = here.with_chunk(segment, forces, chunk.rows, number)
         here, promised = here.followed() if held else here.stepped()
         settled = promised < recursion.settings.arrived
+        remembering = forces if held else _remembering(here, number, forces)
+        if remembering is not forces:
+            # The chunk has told better how the one before ended.
+            forces, settled = remembering, False
         # About a motion that has settled it is looked once more what stands alone.
         if settled and (known or not stands_out(chunk.balances, fit)):
             break
@@ -132,6 +141,32 @@ class _AlongMotion:
         read = self.rows[: len(self.segment.readings)]
         far = any(bool((np.abs(each.residual) > settings.lost).any()) for each in read)
         return far or stands_out(self.balances, settings)
+
+
+def _remembering(recursion: Recursion, number: int, forces: Forces) -> Forces:
+    """Forces of a chunk with what rollers remember of the one before; the very same where that is
+    known already.
+
+    Args:
+        recursion: With a window.
+        number: Of the chunk in it.
+        forces: Within it.
+    """
+    window, experiment, state = recursion.window, recursion.task.experiment, recursion.state
+    assert window is not None
+    if not number or not experiment.instruments[forces.name].remembers:
+        return forces
+    before = window.chunks[number - 1]
+    segment = replace(before.segment, coefficients=window.motion[window.place(number - 1)])
+    assert state.parameters is not None
+    calibration, body = state.calibration, state.parameters
+    at = balance_of(experiment, segment, before.forces, calibration, body, state.factors)
+    if at.rolled is None or not len(at.time):
+        return forces
+    now, last = at.rolled.last, forces.before
+    if last is not None and np.abs(now.value - last.value).max() < _SAME_MEMORY:
+        return forces
+    return replace(forces, before=now)
 
 
 def _with_jitter(recursion: Recursion, segment: Segment, forces: Forces) -> tuple[Segment, Forces]:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array, stretches
@@ -21,7 +22,7 @@ from steelyard.identification.model.segment import Rows
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.misfits.outliers import farthest
 from steelyard.identification.solve.settings import FitSettings
-from steelyard.identification.tally import limit, median
+from steelyard.identification.tally import limit
 from steelyard.robot.model import DIRECTIONS
 
 Mask = NDArray[np.bool_]
@@ -30,9 +31,11 @@ LEAST_OWN = 1e-3
 held against it."""
 TURNS = 4
 """At most, in each of which one reading of a sample is left out: more of them are rare."""
-MOST_FAR = 0.25
-"""Part of the readings of a quantity beyond which none of them is a spike: the motion is not right, or
+_MOST_FAR = 0.1
+"""Part of the numbers of a quantity beyond which none of them is a spike: the motion is not right, or
 their noise is another one."""
+_FEW = 2
+"""Samples of which all numbers may be far, however few there are."""
 _NEAR = 0.5
 """Part of a correction that may be left of its sample, until that reading is replaced: a cable sags by
 what it reads."""
@@ -47,6 +50,12 @@ _OFF = float(np.sqrt(chi2_quantile(1 - 5e-7, DIRECTIONS)))
 """Length of a residual that chance reaches as seldom as a reading its five 1-sigma."""
 _USUAL = float(np.sqrt(chi2_quantile(0.5, DIRECTIONS)))
 """Median length of a residual that is noise."""
+_AROUND = 4
+"""Samples before and after one that it is held against: where these are off, too, it does not stand
+alone."""
+_AT_THE_EDGE = 2.0
+"""By how much further the first and the last sample of a chunk may be off as a whole: the motion is told
+from one side only there."""
 _WHOLE = 2
 """Samples in a row that may be off as a whole, as where a message is damaged: a hand takes longer."""
 
@@ -194,8 +203,18 @@ def far_from(segment: Segment, rows: Sequence[Rows], settings: FitSettings) -> l
         settings: With what is far.
     """
     # Those of the motion instruments are the first, in the order of the readings.
-    far = [np.abs(each.residual) > settings.lost for each in rows[: len(segment.readings)]]
-    return [each if each.mean() <= MOST_FAR else np.zeros_like(each) for each in far]
+    far = (np.abs(each.residual) > settings.lost for each in rows[: len(segment.readings)])
+    return [few_or_none(each) for each in far]
+
+
+def few_or_none(far: Mask) -> Mask:
+    """Numbers of a quantity that are far; none where many are.
+
+    Args:
+        far: Shape (n, k).
+    """
+    few = max(_FEW * far.shape[1], _MOST_FAR * far.size)
+    return far if np.count_nonzero(far) <= few else np.zeros_like(far)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,15 +236,16 @@ class _Off:
         """
         count = at.noise.readings
         size = np.where(heard, at.size, 0.0)
-        usual = median(size[heard]) / _USUAL if heard.any() else 1.0
         own = np.maximum(at.noise.decided[:, :count], LEAST_OWN)
         alone = np.where(heard[:, None], np.abs(at.correction[:, :count]), 0.0) / np.sqrt(own)
-        return cls(alone / max(1.0, usual), size / max(1.0, usual))
+        level = np.maximum(1.0, usual(size, heard))
+        return cls(alone / level[:, None], size / level)
 
     @property
     def whole(self) -> Mask:
         """Samples that are off as a whole, shape (n,)."""
-        return np.asarray(self.size > _OFF)
+        edge = np.isin(np.arange(len(self.size)), [0, len(self.size) - 1])
+        return np.asarray(self.size > np.where(edge, _AT_THE_EDGE * _OFF, _OFF))
 
     def stands_out(self, settings: FitSettings) -> bool:
         """Whether any sample is so far off that a reading of it may stand alone."""
@@ -239,6 +259,20 @@ class _Off:
         found = np.zeros(self.alone.shape, dtype=bool)
         found[np.flatnonzero(explains), worst[explains]] = True
         return found
+
+
+def usual(size: Array, heard: Mask) -> Array:
+    """What is usual for samples, in that of noise: in their chunk and about them, shape (n,).
+
+    Args:
+        size: Length of the residual of every sample, shape (n,).
+        heard: Samples that count, shape (n,).
+    """
+    if not heard.any():
+        return np.ones(len(size))
+    shown = np.where(heard, size, np.nan)
+    about = sliding_window_view(np.pad(shown, _AROUND, constant_values=np.nan), 2 * _AROUND + 1)
+    return np.asarray(np.fmax(np.nanmedian(shown), np.nanmedian(about, axis=1)) / _USUAL)
 
 
 def _off(balances: Sequence[WhitenedBalance]) -> list[_Off]:

@@ -16,7 +16,7 @@ from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.unread import is_unread
 from steelyard.identification.known_body import KnownBody, known_bodies, plausible
-from steelyard.identification.model.balance import Forces, balance_of
+from steelyard.identification.model.balance import Forces, balance_of, parts_of
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationParameters,
@@ -466,7 +466,7 @@ def first_body(
             (segment, part)
             for segment, forces in zip(state.segments, force_samples, strict=True)
             if forces is not None
-            for part in forces.parts()
+            for part in parts_of(experiment, segment, forces, state.calibration)
         )
         for segment, forces in parts:
             at = balance_of(

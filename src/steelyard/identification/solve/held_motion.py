@@ -17,7 +17,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment, Run
 from steelyard.experiment.unread import without_constant_lengths
-from steelyard.identification.model.balance import balance_of
+from steelyard.identification.model.balance import balance_of, parts_of
 from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.force_residuals import force_residuals, tally_forces
 from steelyard.identification.model.motion_segment import Segment
@@ -278,7 +278,7 @@ def _followed(task: Task, state: FitState, step: NewtonStep, tally: Tally) -> Ta
         if samples is None:
             continue
         assert moved.parameters is not None
-        for part in samples.parts():
+        for part in parts_of(task.experiment, segment, samples, moved.calibration):
             at = balance_of(
                 task.experiment, segment, part, moved.calibration, moved.parameters, moved.factors
             )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
-from steelyard.identification.model.balance import Balance, Forces, regressor_at
+from steelyard.identification.model.balance import Balance, Forces, parts_of, regressor_at
 from steelyard.identification.model.carried_tensions import carried_tensions
 from steelyard.identification.model.fitted_motion import fitted_motion
 from steelyard.identification.model.force_residuals import (
@@ -241,7 +241,7 @@ class _RowsOfSegment:
         column_of, parameters = self.column_of, state.parameters
 
         def rows() -> Iterator[WhitenedBalance]:
-            for part in self.forces.parts():
+            for part in parts_of(task.experiment, self.segment, self.forces, state.calibration):
                 yield whitened_balance(
                     task.experiment,
                     self.segment,

@@ -101,7 +101,7 @@ _MOTION = "smoothness of the motion"
 _BODY = "the body beforehand"
 _WEIGHED = "gains, offsets and gravity after dead weights"
 _GEOMETRY = frozenset(POINTS)
-_OF_ROLLERS = frozenset({"friction", "presliding", "viscous"})
+_OF_ROLLERS = frozenset({"friction", "presliding", "presliding_start", "viscous"})
 _OF_GAINS = frozenset({"gain", "common_gain", "crosstalk"})
 _OF_CLOCKS = frozenset({"delay", TIME_CONSTANT})
 

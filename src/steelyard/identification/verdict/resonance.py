@@ -64,6 +64,11 @@ class _Kind(NamedTuple):
     damping: tuple[float, ...]
     """Ratios, the widest line last."""
 
+    @property
+    def is_stiff(self) -> bool:
+        """Whether platforms on their cables vibrate at such frequencies themselves."""
+        return self.name == "bends"
+
 
 _KINDS = (
     # On strings of some metres to some centimetres, or a liquid: level, in the world.
@@ -274,6 +279,17 @@ class _Asked:
             white += each
         return _innovations(white, self.stretch.use, self.stretch.kept)
 
+    def free(self, frequency: float) -> Array:
+        """The same of what goes on moving at a frequency from where it was in the beginning, which
+        nobody knows, as a wrench on the platform, shape (6 n - 6, 12).
+        """
+        stretch, omega = self.stretch, 2 * np.pi * frequency
+        since = stretch.time - stretch.time[0]
+        size = np.exp(-self.damping * omega * since)
+        waves = size * (np.cos(omega * since), np.sin(omega * since))
+        white = np.concatenate([stretch.whitener * own[:, None, None] for own in waves], axis=2)
+        return _innovations(white, stretch.use, stretch.kept)
+
 
 def _followed(driven: Array, omega: float, damping: float) -> Array:
     """``omega^2 x`` of ``x'' + 2 damping omega x' + omega^2 x = -driven`` from rest, by the trapezoidal
@@ -385,6 +401,10 @@ def _beside(base: Array, rows: Array) -> Array:
 def _tested(asked: Sequence[_Asked], frequency: float) -> _Test:
     """A pull at one point of the platform, which is as unknown as its mass."""
     own = [_beside(each.stretch.base, each.rows(frequency)) for each in asked]
+    if asked[0].kind.is_stiff:
+        # Only what the motion makes of it tells: it vibrates freely as a whole, too, on its cables.
+        free = [_orthonormal(_beside(a.stretch.base, a.free(frequency))) for a in asked]
+        own = [_beside(base, rows) for base, rows in zip(free, own, strict=True)]
     normal = np.sum([rows.T @ rows for rows in own], axis=0)
     right = np.sum(
         [rows.T @ each.stretch.over for each, rows in zip(asked, own, strict=True)], axis=0

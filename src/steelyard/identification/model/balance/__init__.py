@@ -28,3 +28,5 @@ from steelyard.identification.model.balance.moving_body import balance_times as 
 from steelyard.identification.model.balance.moving_body import moving_at as moving_at
 from steelyard.identification.model.balance.moving_body import moving_body as moving_body
 from steelyard.identification.model.balance.moving_body import regressor_at as regressor_at
+from steelyard.identification.model.balance.rollers import part_of as part_of
+from steelyard.identification.model.balance.rollers import parts_of as parts_of

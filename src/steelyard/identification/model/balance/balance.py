@@ -27,6 +27,7 @@ from steelyard.identification.model.balance.force_readings import (
 )
 from steelyard.identification.model.balance.moving_body import MovingAt, moving_at
 from steelyard.identification.model.balance.noise import BalanceNoise, UnmodelledWrench
+from steelyard.identification.model.balance.rollers import remembered
 from steelyard.identification.model.balance.slopes import smoothed
 from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
@@ -36,7 +37,7 @@ from steelyard.identification.model.segment import Basis
 from steelyard.identification.model.sources import Source
 from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.equations import follows_readings, solve_for
-from steelyard.instruments.tension import PRESLIDING, rolled_along
+from steelyard.instruments.tension import Rolled
 from steelyard.robot.model import DIRECTIONS
 
 _LOUD = 1.3
@@ -127,6 +128,8 @@ class Balance:
     """Readings of cables without a sensor, shape (r,); None: there are none."""
     loud: bool = False
     """Whether readings along a motion scatter more than is stated or seen in them."""
+    rolled: Rolled | None = None
+    """What the rollers of the cables remember; None: forces are read before them."""
 
     @property
     def by_wrench(self) -> Array:
@@ -291,7 +294,9 @@ def balance_at(
     times, local, inputs = moving
     motion = motion_and_wrench(experiment.robot, *calibration.pulling)(**inputs)
     needed = motion.pop("wrench")
-    motion |= _remembered(experiment, segment, force_samples, calibration, motion)
+    rolled = remembered(experiment, segment, force_samples, calibration, motion)
+    if rolled is not None:
+        motion["rolling"] = rolled.value
     coloured = disturbance_of_forces(segment, force_samples, local)
     told = unfiltered(
         undisturbed(force_samples, coloured),
@@ -326,27 +331,8 @@ def balance_at(
             factors.get(segment.label(force_samples.name, q), 1.0) > _LOUD
             for q in force_samples.readings
         ),
+        rolled,
     )
-
-
-def _remembered(
-    experiment: Experiment,
-    segment: Segment,
-    force_samples: Forces,
-    calibration: CalibrationValues,
-    motion: Mapping[str, Array],
-) -> dict[str, Array]:
-    """What the rollers remember of the motion, as a part of it; empty where none are read."""
-    robot, instrument = experiment.robot, experiment.instruments[force_samples.name]
-    position, rotation = motion["position"], motion["rotation"]
-    if not instrument.remembers:
-        return {}
-    if segment.static:
-        # At rest a roller takes nothing in the mean of all that it might hold.
-        return {"rolling": np.zeros((len(position), robot.m))}
-    errors = calibration.of(force_samples.name, instrument, segment.run)
-    travel = float(np.squeeze(errors[PRESLIDING]))
-    return {"rolling": rolled_along(robot, position, rotation, travel)}
 
 
 def _measured(

@@ -16,6 +16,7 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.sources import Source
+from steelyard.instruments.tension import RollerState
 from steelyard.robot.model import DIRECTIONS
 
 UNMODELLED = "unmodelled wrench"
@@ -61,6 +62,8 @@ class Forces:
     changes: ReadingChanges | None = None
     """How fast the readings change, which says what a filter has smoothed; None: not looked at, as of
     poses at rest."""
+    before: RollerState | None = None
+    """What rollers remember of the samples before the first one; None: the run begins."""
 
     @property
     def touched(self) -> NDArray[np.bool_]:

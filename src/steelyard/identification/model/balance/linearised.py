@@ -48,12 +48,10 @@ from steelyard.identification.model.segment import (
 from steelyard.identification.model.sources import Source
 from steelyard.instruments.base import TIME_CONSTANT, Instrument
 from steelyard.instruments.equations import following, sensitivity
-from steelyard.instruments.tension import GAINS, PRESLIDING, rolled_along
+from steelyard.instruments.tension import GAINS, PRESLIDING, PRESLIDING_START
 from steelyard.robot.model import DIRECTIONS
 
 _GEOMETRY = (("anchor", "anchor"), ("attachment", "attachment"))
-_TRAVEL_STEP = 1e-6
-"""Step of a travel that shows how friction follows it [m]."""
 ByParameters = Iterator[tuple[slice, Array]]
 """Where calibration parameters stand, and the derivative of the balance by them, shape (n, 6,
 c)."""
@@ -212,15 +210,16 @@ class BalancePoint:
             size = place.stop - place.start
             yield place, by_terms[:, :, column : column + size]
             column += size
-        if by_rolling is None or self.segment.static or PRESLIDING not in asked:
+        rolled = at.rolled
+        if by_rolling is None or rolled is None or self.segment.static:
             return
-        travel = float(np.squeeze(self.errors[PRESLIDING]))
-        position, rotation = at.motion["position"], at.motion["rotation"]
-        longer = rolled_along(robot, position, rotation, travel + _TRAVEL_STEP)
-        shorter = rolled_along(robot, position, rotation, travel - _TRAVEL_STEP)
-        by_travel = (longer - shorter) / (2 * _TRAVEL_STEP)
-        further = np.einsum("nkm,nm->nk", by_rolling, by_travel)
-        yield parameters.place(name, PRESLIDING, run), further[:, :, None]
+        if PRESLIDING in asked:
+            yield (
+                asked[PRESLIDING],
+                np.einsum("nkm,nm->nk", by_rolling, rolled.by_travel)[..., None],
+            )
+        if PRESLIDING_START in asked:
+            yield asked[PRESLIDING_START], by_rolling * rolled.by_start[:, None]
 
     def by_gains(self, terms: Sequence[tuple[slice, Array]]) -> ByParameters:
         """Derivative of tensions by gains, of a newton of each, shape (n, m, g).

@@ -39,13 +39,14 @@ def errors_of_instruments(experiment: Experiment) -> Iterator[CalibrationParamet
             if term.prior.per == "run":
                 runs = [run for run in experiment.runs if name in run.streams]
             for run in runs:
+                absent = term.of_motion and run is not None and run.static
                 yield CalibrationParameter(
                     name,
                     term.key,
                     run.name if run else None,
                     term.unit,
                     term.mean,
-                    deviation,
+                    np.zeros_like(deviation) if absent else deviation,
                     suspected,
                 )
 

@@ -28,7 +28,7 @@ _OF_LOADS = (
     *(f"inertia {axes} about the origin" for axes in ("xx", "yy", "zz", "yz", "xz", "xy")),
 )
 """What a load is more than the first, as people would say it."""
-_PER_CABLE = frozenset({"offset", "gain", "friction", ROLLER})
+_PER_CABLE = frozenset({"offset", "gain", "friction", "presliding_start", ROLLER})
 _NEGLIGIBLE = 0.1
 """Part of the 1-sigma of devices that have an error at all, below which it is another's doing."""
 
