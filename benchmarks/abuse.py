@@ -20,7 +20,8 @@ from scipy.spatial.transform import Rotation
 
 import steelyard
 from steelyard.errors import SteelyardError
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.instruments import Imu, Position, Tension
 from steelyard.robot.model import Robot
 

@@ -30,7 +30,8 @@ from halls import errors, recorded
 from mujoco_cables import moved, point_robot
 
 from steelyard.calibration.calibrate import calibrate
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.instruments import Length
 from steelyard.motion.trajectory import multisine
 from steelyard.robot.file import read_robot

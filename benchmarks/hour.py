@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.experiment.write import write_experiment
 from steelyard.motion.limits import commanded_tensions
 from steelyard.motion.state import State

@@ -24,8 +24,9 @@ import numpy as np
 from recordings import SHARED, chi_square
 
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.identify import Identification, identify
 from steelyard.identification.methods.from_posterior.unstated import found_errors
 from steelyard.identification.solve.long_recording import span_of

@@ -17,8 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.synchronisation import synchronise
 from steelyard.live.buffer import part_of
 from steelyard.live.message import Arrival

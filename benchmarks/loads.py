@@ -17,7 +17,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.estimates.payload import payload
-from steelyard.experiment.model import Experiment, Load, Run
+from steelyard.experiment.model import Experiment, Load
+from steelyard.experiment.recording import Run
 from steelyard.identification.identify import identify
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.robot.file import read_robot

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.motion.trajectory import Trajectory
 from steelyard.robot.file import read_robot
 from steelyard.simulation.forward_dynamics import CablePlatform

@@ -11,7 +11,8 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from steelyard.experiment.model import Experiment, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Stream
 
 Make = Callable[[Experiment, np.random.Generator], Experiment]
 

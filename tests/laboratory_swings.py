@@ -14,7 +14,8 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.experiment.unread import with_unread_cables
 from steelyard.inertia import Inertia
 from steelyard.instruments.pose import Pose

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.motion.limits import commanded_tensions, extremes_of
 from steelyard.motion.state import State
 from steelyard.robot.file import read_robot

@@ -8,7 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.dynamics import platform_regressor, platform_wrench
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.inertia import Inertia
 from steelyard.instruments.equations import means, predict

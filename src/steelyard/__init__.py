@@ -59,9 +59,9 @@ if TYPE_CHECKING:
     from steelyard.experiment.memory.from_frames import RecordedFrame as RecordedFrame
     from steelyard.experiment.model import Experiment as Experiment
     from steelyard.experiment.model import Load as Load
-    from steelyard.experiment.model import Run as Run
-    from steelyard.experiment.model import Stream as Stream
     from steelyard.experiment.read import read_experiment as read_experiment
+    from steelyard.experiment.recording import Run as Run
+    from steelyard.experiment.recording import Stream as Stream
     from steelyard.experiment.write import write_experiment as write_experiment
     from steelyard.exports.exported import Exported as Exported
     from steelyard.exports.formats import export as export

@@ -12,8 +12,9 @@ from steelyard.calibration.calibrate import calibrate
 from steelyard.calibration.robot_text import robot_text
 from steelyard.cli.verbs.calibrate import calibrate as calibrate_verb
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.experiment.write import write_experiment
 from steelyard.identification.model.calibration_parameters import gather
 from steelyard.instruments import Length, Position

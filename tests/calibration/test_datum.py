@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.calibration.calibrate import calibrate
 from steelyard.errors import InputError
-from steelyard.experiment.model import Datum, Stream
+from steelyard.experiment.model import Datum
 from steelyard.experiment.read import read_experiment
+from steelyard.experiment.recording import Stream
 from steelyard.experiment.write import write_experiment
 from steelyard.identification.model.calibration_parameters import gather
 from steelyard.instruments import Command, Distance, Pose, Position

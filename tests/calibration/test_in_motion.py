@@ -12,7 +12,8 @@ from steelyard.calibration.calibrate import calibrate
 from steelyard.calibration.robot_text import robot_text
 from steelyard.cli.verbs.calibrate import calibrate as calibrate_verb
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.experiment.write import write_experiment
 from steelyard.instruments import Imu, Length, Position, Tension
 

@@ -7,7 +7,7 @@ import pytest
 from halls import CENTRE, MASS, G, errors, hung, recorded
 
 from steelyard.calibration.calibrate import calibrate
-from steelyard.experiment.model import DeadWeights
+from steelyard.experiment.observations import DeadWeights
 from steelyard.instruments import Tension, Weight
 from steelyard.instruments.base import Prior
 

@@ -19,8 +19,9 @@ from steelyard.excitation.poses.pose_choice import PoseChoice
 from steelyard.excitation.poses.pose_design import design_poses, predicted_fit
 from steelyard.excitation.poses.pose_information import pose_choice
 from steelyard.excitation.settings import DesignSettings
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.instruments import Attitude, Length, Position, Tension
 from steelyard.report.documents.poses import poses_document
 from steelyard.robot.file import read_robot

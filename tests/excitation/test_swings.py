@@ -14,7 +14,7 @@ from steelyard.excitation.settings import DesignSettings
 from steelyard.excitation.swings.candidate_swings import cable_sets, places_of_rest, swings_at
 from steelyard.excitation.swings.swing_design import _recorded, design_swings
 from steelyard.excitation.swings.swing_file import swings_dict, write_swings
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.report.documents.free_swings import free_swings_document
 from steelyard.robot.file import read_robot

@@ -8,8 +8,9 @@ import pytest
 from recordings import RUN, save, simulated, table, write_small
 from scipy.spatial.transform import Rotation
 
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.experiment.write import write_experiment
 from steelyard.identification.identify import identify
 from steelyard.identification.samples.preparation import prepare

@@ -16,8 +16,8 @@ from steelyard.experiment.faults.stuck import (
     stuck_alone,
     without_stuck,
 )
-from steelyard.experiment.model import Stream
 from steelyard.experiment.read import read_experiment
+from steelyard.experiment.recording import Stream
 from steelyard.instruments import Command, Imu, Position, Tension
 
 RATE = 100.0

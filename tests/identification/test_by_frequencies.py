@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from steelyard.estimates.per_mass import PerMass
-from steelyard.experiment.model import Experiment, SeenFrequencies
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.observations import SeenFrequencies
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.unread import with_unread_cables
 from steelyard.experiment.write import write_experiment

@@ -7,7 +7,9 @@ import pytest
 from simulated import BODY, EXACT, PAPER, ROBOT, Recorder, changed
 
 from steelyard.errors import InputError
-from steelyard.experiment.model import DeadWeights, Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.observations import DeadWeights
+from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.identify import identify
 from steelyard.identification.model.calibration_parameters import gather
 from steelyard.instruments import Pose, Tension, Weight

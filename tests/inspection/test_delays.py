@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.inspection.delays import of_excerpt
 
 pytestmark = pytest.mark.integration

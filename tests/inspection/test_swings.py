@@ -8,8 +8,9 @@ from mujoco_swings import BODY, swinging_robot, swings
 from places import ROOT
 from scipy.spatial.transform import Rotation
 
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.identify import identify
 from steelyard.identification.samples.preparation import prepare
 from steelyard.identification.verdict.winches import turned_winches

@@ -13,7 +13,8 @@ from scipy.stats import chi2
 from simulated import EXACT, PAPER, changed
 
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.experiment.write import write_experiment
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.consistent import Consistent

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.live.buffer import Buffer
 from steelyard.live.message import Arrival
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from places import DATA
 
-from steelyard.experiment.model import Stream
 from steelyard.experiment.read import read_experiment
+from steelyard.experiment.recording import Stream
 from steelyard.live.message import Arrival
 from steelyard.live.session import Session
 from steelyard.live.settings import LIVE

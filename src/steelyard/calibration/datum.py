@@ -21,7 +21,8 @@ from steelyard.batch import Batched
 from steelyard.calibration.first_poses import UPRIGHT
 from steelyard.calibration.fit import GeometryFit
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.banded import banded_window
 from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.motion_segment import Segment

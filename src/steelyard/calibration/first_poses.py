@@ -13,7 +13,8 @@ from scipy.optimize import least_squares
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.model.motion_segment import Reading
 from steelyard.identification.samples.first_motion import SPACING, first_motion
 from steelyard.instruments.equations import solve_for

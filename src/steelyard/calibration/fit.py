@@ -17,7 +17,8 @@ from steelyard.calibration.settings import CALIBRATION, CalibrationSettings
 from steelyard.calibration.wrong_rows import WrongRow, are_many, without_wrong
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import plausible_radius
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.known_body import known_bodies, plausible
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import (

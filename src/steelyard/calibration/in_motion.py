@@ -15,7 +15,8 @@ from steelyard.calibration.poses import forces_at_rest
 from steelyard.calibration.settings import CalibrationSettings
 from steelyard.calibration.wrong_units import in_millimetres
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.experiment.unread import with_unread_cables
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues

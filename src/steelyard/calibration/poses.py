@@ -11,7 +11,8 @@ from steelyard.arrays import Array
 from steelyard.calibration.first_poses import UPRIGHT, first_poses
 from steelyard.calibration.settings import CALIBRATION, CalibrationSettings
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.settings import MOTION

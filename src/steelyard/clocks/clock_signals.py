@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.clocks.settings import SMOOTHING, SmoothingSettings
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.motion.state import motion_of_quaternions
 from steelyard.rotations import quaternions_of
 from steelyard.smoothing import Samples1D, Smoothed, choose_spacing, fit, segments

@@ -18,7 +18,7 @@ from steelyard.drafts.scales import scale_of, time_unit
 from steelyard.drafts.vectors import GRAVITY_OR_GYRO
 from steelyard.drafts.words import words_of
 from steelyard.errors import InputError
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.experiment.streams.fields import column_in
 from steelyard.experiment.streams.log_columns import needed_columns
 from steelyard.experiment.streams.place import StreamPlace

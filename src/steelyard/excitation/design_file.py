@@ -15,7 +15,7 @@ from steelyard.excitation.design import Design
 from steelyard.excitation.evaluation import MotionEvaluation
 from steelyard.excitation.information.noise_free_recording import tensions_near_level
 from steelyard.excitation.limits.verification import Verified, times_of
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.experiment.write import write_stream
 from steelyard.identification.model.fitted_motion import FORMAT as FORMAT_OF_MOTION
 from steelyard.inertia import BODY_PARAMETERS

@@ -20,7 +20,8 @@ from steelyard.experiment.loads import (
     known_values,
     mass_walk,
 )
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.experiment.unread import is_unread
 from steelyard.files.document import YamlDocument
 from steelyard.instruments import Instrument

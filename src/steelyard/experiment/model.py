@@ -10,19 +10,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from steelyard import tables
 from steelyard.arrays import Array
 from steelyard.display import printable
 from steelyard.errors import InputError
 from steelyard.experiment.columns import stream_columns
-from steelyard.experiment.faults.fault import Fault
+from steelyard.experiment.observations import DeadWeights, SeenFrequencies
+from steelyard.experiment.recording import Run
 from steelyard.experiment.surroundings import Surroundings
 from steelyard.inertia import Inertia
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import DEFAULT_DELAY, Prior, exact, sigma
-from steelyard.instruments.weight import Weight
 from steelyard.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -33,101 +32,6 @@ ClockChoice = Literal["own", "common"]
 """Whose times a table has."""
 _MOST_SHOWN = 12
 """Runs that are shown one by one."""
-
-
-@dataclass(frozen=True, eq=False)
-class Stream:
-    """What one instrument recorded in one run."""
-
-    time: Array
-    """On the instrument's own clock, never decreasing [s], shape (n,); of a static run, the number
-    of the pose."""
-    values: Mapping[str, Array]
-    """Quantity -> vectors, shape (n, k), or rotations, shape (n, 3, 3); NaN where there is no
-    sample."""
-    source: str
-    """Where it came from, for messages."""
-    angles: Mapping[str, Array] = field(default_factory=dict)
-    """Quantity -> roll, pitch, yaw as they stand in the log, where a rotation was read from angles
-    [rad], shape (n, 3)."""
-    forms: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Quantity -> columns of the contract that it was read from; what was not read from a log has
-    none."""
-    clock: str | None = None
-    """What its times were taken from: streams that name one and the same clock share its times, as
-    those of one file do; None: a clock of its own, whatever ``source`` says."""
-    off: Mapping[str, Array] = field(default_factory=dict)
-    """Quantity -> how far the numbers of its log are from a rotation: the length of a quaternion from
-    one, a matrix from its inverse's transpose; shape (n,). Only until damaged ones are left out."""
-    mean_of: int = 1
-    """Samples that each row is the mean of: its noise is by the root of it less than stated."""
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-    def at_rows(self, rows: NDArray[np.bool_]) -> Stream:
-        """With some of its samples alone.
-
-        Args:
-            rows: Which, shape (n,).
-        """
-        return replace(
-            self,
-            time=self.time[rows],
-            values={key: each[rows] for key, each in self.values.items()},
-            angles={key: each[rows] for key, each in self.angles.items()},
-            off={key: each[rows] for key, each in self.off.items()},
-        )
-
-    def __repr__(self) -> str:
-        quantities = f", {', '.join(self.values)}" if self.values else ""
-        return f"Stream: {self._extent()}{quantities}, from {printable(self.source)}"
-
-    def _extent(self) -> str:
-        """How many samples, and when."""
-        if len(self) < 2:
-            return f"{len(self)} sample{'' if len(self) else 's'}"
-        first, last = self.time[[0, -1]]
-        rate = f", {(len(self) - 1) / (last - first):.4g} Hz" if last > first else ""
-        return f"{len(self)} samples from {first:.2f} to {last:.2f} s{rate}"
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """One recording."""
-
-    name: str
-    streams: Mapping[str, Stream]
-    """Instrument -> its stream."""
-    sync: Mapping[str, float] = field(default_factory=dict)
-    """Instrument -> time of one common event on its clock [s]; empty: the clocks agree."""
-    window: tuple[float, float] | None = None
-    """Part to use [s], after the event (without sync: after the first force sample)."""
-    static: bool = False
-    """Whether the rows are poses at rest."""
-    unsynchronised: bool = False
-    """Whether the clocks have nothing in common yet: how far they are apart is to be found from the
-    data."""
-    found: bool = False
-    """Whether the times under ``sync`` were found from the data: they are no better known than any
-    clock."""
-    locked: bool = False
-    """Whether the winches were locked, so that the unstrained lengths of the cables are constant."""
-    load: str | None = None
-    """What the platform carried, of several loads; None: the first, or there is only one."""
-    continues: str | None = None
-    """Run that went on as this one when the load changed: clocks and all errors that hold for a run
-    are those of that one; None: it is a recording by itself."""
-    excluded: tuple[Fault, ...] = ()
-    """Readings that were taken out of the streams when they were read, since their sensors had
-    stopped."""
-
-    def __repr__(self) -> str:
-        kind = "poses at rest" if self.static else "in motion"
-        counts = ", ".join(
-            f"{printable(name)} {len(stream)}" for name, stream in self.streams.items()
-        )
-        return f"Run '{printable(self.name)}', {kind}: samples of {counts or 'nothing'}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,28 +51,6 @@ class Load:
     ``cz`` of a weighed body that was added."""
 
 
-@dataclass(frozen=True, eq=False)
-class SeenFrequencies:
-    """Natural frequencies with which the platform has been seen to swing on cables of constant
-    length.
-    """
-
-    run: str
-    instrument: str
-    row: int
-    """Of the table, from 1."""
-    pose: Array | None
-    """x, y, z [m], roll, pitch, yaw [rad], shape (6,); None: the lengths are given."""
-    lengths: Array | None
-    """Of the cables, unstrained [m], shape (m,); None: the pose is given."""
-    frequency: Array
-    """Ascending [Hz], shape (k,)."""
-    sigma: Array
-    """1-sigma [Hz], shape (k,)."""
-    noise: float | None
-    """The same as it was stated of the table [Hz]; None: it was not."""
-
-
 @dataclass(frozen=True)
 class Datum:
     """What the world frame is, for the calibration of a robot: one of these."""
@@ -177,34 +59,6 @@ class Datum:
     """Numbers of anchors, from 1: it is the frame in which they are nearest to those drawn."""
     pose: str | None = None
     """Run of poses at rest, whose first pose is as its command or instruments say."""
-
-
-@dataclass(frozen=True, eq=False)
-class DeadWeights:
-    """Readings of single force sensors under dead weights, a table of a run."""
-
-    run: str
-    instrument: str
-    description: Weight
-    """Its entry under ``instruments``."""
-    cable: NDArray[np.intp]
-    """Number of the cable whose cell bears the weight, from 1, shape (n,)."""
-    mass: Array
-    """Of the weight [kg], shape (n,)."""
-    reading: Array
-    """Of the cell [N], NaN where there is none, shape (n,)."""
-
-    @property
-    def of(self) -> str:
-        """The force instrument that it is about."""
-        return self.description.of
-
-    def __len__(self) -> int:
-        return len(self.mass)
-
-    def where(self, row: int) -> str:
-        """A row by its number from 0, for messages."""
-        return f"run '{self.run}': row {row + 1} of '{self.instrument}'"
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,8 +24,9 @@ from steelyard.experiment.loads import (
     loads_of_forms,
     mass_walk,
 )
-from steelyard.experiment.model import Datum, Experiment, Run
+from steelyard.experiment.model import Datum, Experiment
 from steelyard.experiment.read_run import read_run
+from steelyard.experiment.recording import Run
 from steelyard.experiment.tables.dead_weights import with_weights_apart
 from steelyard.experiment.tables.seen_frequencies import with_frequencies_apart
 from steelyard.experiment.unread import with_unread_cables

@@ -13,7 +13,7 @@ from steelyard.experiment.form import (
     ExperimentForm,
     RunForm,
 )
-from steelyard.experiment.model import Run
+from steelyard.experiment.recording import Run
 from steelyard.experiment.streams.log_columns import needed_columns
 from steelyard.experiment.streams.place import StreamPlace
 from steelyard.experiment.streams.read_stream import first_time, read_stream

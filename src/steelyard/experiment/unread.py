@@ -12,7 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.instruments import Instrument
 from steelyard.instruments.unread_cables import CHANGE, ConstantLengths, UnreadCables
 from steelyard.robot.model import Robot

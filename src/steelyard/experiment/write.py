@@ -13,7 +13,8 @@ from typing import Any, Literal
 
 from steelyard.experiment.columns import stream_columns
 from steelyard.experiment.form import FORMAT
-from steelyard.experiment.model import Experiment, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Stream
 from steelyard.experiment.tables.dead_weights import with_weights_together
 from steelyard.experiment.tables.seen_frequencies import with_frequencies_together
 from steelyard.files.yaml_file import to_yaml

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.clocks.shift import Shift, least
 from steelyard.dynamics import platform_regressor
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.model.sources import choose_sources
 from steelyard.identification.model.unknown_body import BODY, unknown_body
 from steelyard.identification.samples.preparation import samples_of

@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_wrench
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.model.balance import Balance, Forces, balance_of, parts_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.carried_tensions import carried_tensions

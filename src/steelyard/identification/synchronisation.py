@@ -33,7 +33,8 @@ from steelyard.clocks.offsets import (
 from steelyard.clocks.search import candidates
 from steelyard.clocks.shift import Shift
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.force_clock import force_clock_problem, likeliest, near, scanned
 from steelyard.identification.model.calibration_parameters import gather
 from steelyard.identification.settings import SYNCHRONISATION, SynchronisationSettings

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.estimates.quantiles import chi2_tail, normal_tail, student_tail
-from steelyard.experiment.model import DeadWeights, Experiment
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.observations import DeadWeights
 from steelyard.instruments.weight import SCALE, cells_under_weights
 
 Place = tuple[str, str, str | None]

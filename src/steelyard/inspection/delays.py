@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inspection.agreements.excerpt import Excerpt, excerpt_of, instruments_by_clock

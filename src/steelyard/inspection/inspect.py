@@ -11,7 +11,8 @@ import numpy as np
 from steelyard.display import printable
 from steelyard.errors import InputError
 from steelyard.experiment.given import GivenExperiment, experiment_of
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters import gather
 from steelyard.identification.samples.preparation import prepare
 from steelyard.identification.solve.beginning import NoBalanceError

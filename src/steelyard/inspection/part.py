@@ -8,7 +8,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.inspection.agreements.excerpt import Excerpt
 from steelyard.inspection.settings import INSPECTION, InspectionSettings
 from steelyard.instruments import Instrument

@@ -9,7 +9,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from steelyard.experiment.faults.of_streams import channels
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.inspection.settings import REMARKS, RemarkSettings
 from steelyard.inspection.streams import StreamReport
 from steelyard.units import FACTORS

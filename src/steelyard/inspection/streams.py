@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array, binned_means, stretches
 from steelyard.experiment.faults.fault import Fault
 from steelyard.experiment.faults.of_streams import Timing, faults_of, timing
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.samples.motion_noise import by_differences
 from steelyard.inspection.settings import STREAMS, StreamSettings
 from steelyard.instruments import Instrument, Quantity

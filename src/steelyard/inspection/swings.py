@@ -20,7 +20,8 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.estimates.quantiles import chi2_exceeded
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.experiment.unread import is_unread
 from steelyard.identification.methods.swing_regression import swing_regression
 from steelyard.identification.solve.misfits.slack_cables import SlackCables

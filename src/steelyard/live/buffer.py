@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.live.message import Arrival
 from steelyard.live.settings import LIVE, LiveSettings
 

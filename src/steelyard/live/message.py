@@ -16,7 +16,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.experiment.streams.of_columns import stream_of_columns
 from steelyard.instruments import Instrument
 from steelyard.live.settings import LIVE, LiveSettings

@@ -10,7 +10,8 @@ import numpy as np
 
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate, no_estimate, plausible_radius
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.recursive.events import advanced, followed_on

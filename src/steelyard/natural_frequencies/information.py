@@ -14,7 +14,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, SeenFrequencies
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.observations import SeenFrequencies
 from steelyard.inertia import Inertia, body_jacobian
 from steelyard.natural_frequencies.modes import (
     NaturalModes,

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.instruments import Instrument
 from steelyard.robot.kinematics import cables_at
 from steelyard.simulation.edits import (

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import TIME_CONSTANT, Term, is_absent
 from steelyard.instruments.equations import predict

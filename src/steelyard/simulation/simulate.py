@@ -11,7 +11,8 @@ import numpy as np
 
 from steelyard.arrays import number_given, whole_given
 from steelyard.errors import InputError, WrongValueError
-from steelyard.experiment.model import Experiment, Load, Run
+from steelyard.experiment.model import Experiment, Load
+from steelyard.experiment.recording import Run
 from steelyard.experiment.write import write_experiment
 from steelyard.inertia import Inertia
 from steelyard.motion.trajectory import Trajectory

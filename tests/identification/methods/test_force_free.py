@@ -10,7 +10,7 @@ from simulated import sound
 
 from steelyard.errors import InputError
 from steelyard.estimates.per_mass import PerMass
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.force_free import ForceFree
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood

@@ -9,8 +9,8 @@ import pytest
 from scipy.stats import chi2
 from simulated import IDEAL, PAPER, RECORDER, ROBOT, TRUTH, changed, pair, sound
 
-from steelyard.experiment.model import Stream
 from steelyard.experiment.read import read_experiment
+from steelyard.experiment.recording import Stream
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.two_step import TwoStep

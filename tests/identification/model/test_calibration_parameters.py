@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.model.calibration_parameters import (
     AIR,
     ATTACHED,

@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from simulated import BODY, EXACT, ROBOT
 
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.experiment.surroundings import Surroundings
 from steelyard.identification.model.balance import (
     UNMODELLED_PARTS,

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
 from simulated import EXACT, ROBOT
 
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.banded import banded_product
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
 from steelyard.identification.model.motion_residuals import (

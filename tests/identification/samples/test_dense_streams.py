@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from simulated import PAPER, Recorder, changed, sound
 
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.model.settings import MOTION
 from steelyard.identification.samples.dense_streams import average_dense, averaged

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.experiment.model import Stream
 from steelyard.experiment.read import read_experiment
+from steelyard.experiment.recording import Stream
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.settings import TwoStepSettings
 from steelyard.identification.methods.two_step import TwoStep

@@ -23,7 +23,8 @@ from simulated import (
 )
 
 from steelyard.dynamics import platform_wrench
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather

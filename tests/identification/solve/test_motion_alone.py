@@ -8,7 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
 
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationValues,

@@ -9,7 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.synchronisation import synchronise
 
 FEWEST = 5

@@ -15,7 +15,8 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import InputError
 from steelyard.excitation.settings import DEFAULT, DesignSettings
-from steelyard.experiment.model import Experiment, Load, Run, Stream
+from steelyard.experiment.model import Experiment, Load
+from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior, Progress

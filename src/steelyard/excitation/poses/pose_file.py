@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from steelyard.calibration.geometry_calibration import GeometryCalibration
 from steelyard.estimates.estimate import plain
 from steelyard.excitation.poses.pose_design import PoseDesign
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.experiment.write import write_stream
 from steelyard.identification.model.calibration_parameters import as_tree
 from steelyard.instruments import Command

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.experiment.faults.fault import Fault
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.instruments import Instrument
 
 

@@ -15,7 +15,7 @@ from steelyard.arrays import Array, stretches
 from steelyard.errors import InputError
 from steelyard.experiment.faults.fault import Fault
 from steelyard.experiment.faults.held import changes, held
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 
 SLOW = 0.2
 """Part of a channel's typical step below which it hardly moves, as where a motion comes to rest."""

@@ -18,7 +18,7 @@ from steelyard.arrays import Array
 from steelyard.experiment.faults.fault import Fault
 from steelyard.experiment.faults.of_streams import channels
 from steelyard.experiment.faults.running import running_percentile
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.instruments import Instrument
 
 

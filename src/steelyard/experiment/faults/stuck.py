@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array, stretches
 from steelyard.experiment.faults.fault import Fault
 from steelyard.experiment.faults.of_streams import SLOW, channels, clipped
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.instruments import Instrument
 
 FEWEST_REPEATS = 5

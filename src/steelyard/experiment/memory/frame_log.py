@@ -11,7 +11,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.instruments import Instrument
 from steelyard.logs.log import Log, RowRange
 

@@ -12,8 +12,9 @@ from pydantic import Field
 from steelyard.errors import InputError
 from steelyard.experiment.form import FORMAT, RUN_KEYS, ExperimentForm
 from steelyard.experiment.memory.frame_log import Frame, frame_log
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import assembled
+from steelyard.experiment.recording import Run
 from steelyard.files.document import YamlDocument
 from steelyard.files.file_model import FileModel, plain_values, validate
 from steelyard.instruments import AnyInstrument, Instrument

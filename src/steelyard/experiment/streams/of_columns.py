@@ -8,7 +8,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.experiment.streams.log_columns import listed
 from steelyard.experiment.streams.orientations import rotations_of
 from steelyard.instruments import Instrument

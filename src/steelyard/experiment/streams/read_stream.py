@@ -11,7 +11,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.experiment.streams.log_columns import LogColumns, needed_columns, present_quantities
 from steelyard.experiment.streams.orientations import off_rotation, rotations_of
 from steelyard.experiment.streams.place import StreamPlace, as_named

@@ -8,7 +8,9 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.experiment.model import DeadWeights, Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.observations import DeadWeights
+from steelyard.experiment.recording import Run, Stream
 from steelyard.instruments import Instrument
 from steelyard.instruments.weight import Weight, cells_under_weights
 from steelyard.robot.model import Robot

@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run, SeenFrequencies, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.observations import SeenFrequencies
+from steelyard.experiment.recording import Run, Stream
 from steelyard.instruments.swing_frequencies import SwingFrequencies
 
 _BY_HAND = 0.01

@@ -23,7 +23,8 @@ from steelyard.estimates.estimate import (
     plausible_sizes,
     unassessed,
 )
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.experiment.unread import is_unread
 from steelyard.identification.methods.from_posterior.unweighed import up_to_mass
 from steelyard.identification.methods.settings import TWO_STEP, TwoStepSettings

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.estimates.quantiles import chi2_tail
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.known_body import plausible
 from steelyard.identification.methods.from_posterior.finished import finished
 from steelyard.identification.methods.loads import drawn

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 
 Source = tuple[str, str]
 """Instrument and quantity."""

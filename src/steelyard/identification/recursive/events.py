@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from steelyard.estimates.quantiles import chi2_exceeded, chi2_tail
-from steelyard.experiment.model import Run
+from steelyard.experiment.recording import Run
 from steelyard.identification.recursive.changes import FREEDOM, Cause, Change, changes
 from steelyard.identification.recursive.following import Event, Following
 from steelyard.identification.recursive.new_load import (

@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.errors import InfeasibleError, InputError
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.experiment.unread import without_constant_lengths
 from steelyard.identification.recursive.arrivals import Likeness
 from steelyard.identification.recursive.events import advanced

@@ -11,7 +11,8 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.errors import InfeasibleError
 from steelyard.estimates.estimate import plausible_radius
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import basis, values_at
 from steelyard.identification.recursive.arrivals import Likeness, within

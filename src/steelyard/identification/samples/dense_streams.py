@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.samples.motion_noise import stands_still
 

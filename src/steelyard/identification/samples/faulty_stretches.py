@@ -8,7 +8,8 @@ import numpy as np
 
 from steelyard.experiment.faults.jumps import jumps
 from steelyard.experiment.faults.stuck import FEWEST_REPEATS, stuck_alone
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 
 
 def without_stuck(experiment: Experiment, run: Run) -> tuple[Run, list[str]]:

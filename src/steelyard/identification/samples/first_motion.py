@@ -21,7 +21,8 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.inertia import TEN
 from steelyard.instruments import Instrument

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.samples.preparation import Samples
 from steelyard.instruments import Quantity
 

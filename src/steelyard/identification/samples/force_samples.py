@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.model.balance import UNMODELLED, Forces
 from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.processes import unresolved

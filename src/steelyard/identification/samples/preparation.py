@@ -17,7 +17,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.model.settings import PREPARATION, PreparationSettings
 from steelyard.identification.model.sources import Acceleration, Source, choose_sources

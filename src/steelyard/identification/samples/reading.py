@@ -12,7 +12,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.sources import Source, Sources
 from steelyard.instruments.equations import linearised, means, needed_for, solve_for

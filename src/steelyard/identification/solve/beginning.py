@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.estimates.estimate import plausible_radius
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.experiment.unread import is_unread
 from steelyard.identification.known_body import KnownBody, known_bodies, plausible
 from steelyard.identification.model.balance import Forces, balance_of, parts_of

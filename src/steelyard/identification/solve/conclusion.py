@@ -11,7 +11,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import plausible_radius
-from steelyard.experiment.model import Experiment, Load, Run
+from steelyard.experiment.model import Experiment, Load
+from steelyard.experiment.recording import Run
 from steelyard.identification.known_body import plausible
 from steelyard.identification.model.balance import Balance, Forces, balance_of
 from steelyard.identification.model.calibration_parameters import ROBOT, load_place

@@ -15,7 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.experiment.unread import without_constant_lengths
 from steelyard.identification.model.balance import balance_of, parts_of
 from steelyard.identification.model.calibration_parameters import ROBOT

@@ -10,7 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.model.sources import choose_sources
 from steelyard.identification.solve.settings import FIT, FitSettings
 

@@ -14,7 +14,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from steelyard.arrays import Array, binned_means
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.model.sources import Source
 from steelyard.inspection.settings import AGREEMENT, AgreementSettings, ExcerptSettings

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Stream
+from steelyard.experiment.recording import Stream
 from steelyard.identification.model.sources import Source
 from steelyard.inspection.agreements.excerpt import Excerpt
 from steelyard.inspection.agreements.frames import mounting, rpy_deg_of

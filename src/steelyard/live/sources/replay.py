@@ -7,7 +7,8 @@ import time
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.live.buffer import part_of
 from steelyard.live.message import Arrival
 from steelyard.live.sources.source import Received

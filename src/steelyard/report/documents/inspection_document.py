@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.digits import figures
-from steelyard.experiment.model import Run
+from steelyard.experiment.recording import Run
 from steelyard.inspection.agreements.agreement import InstrumentAgreement
 from steelyard.inspection.contact import Residual
 from steelyard.inspection.inspect import Inspection

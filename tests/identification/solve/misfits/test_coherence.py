@@ -9,7 +9,8 @@ from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
 from simulated import EXACT, ROBOT
 
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
 from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.solve.misfits.coherence import coherence

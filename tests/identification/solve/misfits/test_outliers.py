@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from simulated import BODY, CENTER, EXACT, REACH, ROBOT, sound, with_stream
 
 from steelyard.arrays import joined_stretches
-from steelyard.experiment.model import Experiment, Run, Stream
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.model.balance import Forces, balance_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
 from steelyard.identification.model.motion_segment import Reading, Segment

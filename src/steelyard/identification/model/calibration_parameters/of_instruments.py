@@ -7,7 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.experiment.model import Experiment, Run
+from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters.vector import CalibrationParameter, Key
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import TIME_CONSTANT, Term
