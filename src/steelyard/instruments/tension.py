@@ -22,7 +22,7 @@ from steelyard.instruments.base import (
 )
 from steelyard.instruments.noise import Noise, drift, white_part, with_colored_part
 from steelyard.motion.state import State
-from steelyard.robot.kinematics import cables_at, paid_out, shapes
+from steelyard.robot.kinematics import attachments_at, cables_at, paid_out, shapes
 from steelyard.robot.model import Robot
 
 TURNAROUND = 0.01
@@ -209,25 +209,31 @@ def _behind_rollers(state: State, friction: Symbol, viscous: Symbol, robot: Robo
 
 
 class RollerState(NamedTuple):
-    """What rollers remember at an instant, shape (m,) each."""
+    """What rollers remember at an instant; see :class:`Rolled`, without its first axis."""
 
     length: Array
-    """Of the straight cables, by which the rollers turn [m]."""
+    length_by_points: Array
     value: Array
-    """How far their friction has built up, from -1 to 1."""
     by_travel: Array
-    """How that follows the travel over which it builds up [1/m]."""
     by_start: Array
-    """How it follows what it was where the run began."""
+    by_points: Array
 
 
 class Rolled(NamedTuple):
-    """What rollers remember along a motion, shape (n, m) each; see :class:`RollerState`."""
+    """What rollers remember along a motion of n samples."""
 
     length: Array
+    """Of the straight cables, by which the rollers turn [m], shape (n, m)."""
+    length_by_points: Array
+    """How that follows anchor and attachment of its cable, shape (n, m, 6)."""
     value: Array
+    """How far the friction has built up, from -1 to 1, shape (n, m)."""
     by_travel: Array
+    """How that follows the travel over which it builds up [1/m], shape (n, m)."""
     by_start: Array
+    """How it follows what it was where the run began, shape (n, m)."""
+    by_points: Array
+    """How it follows anchor and attachment of its cable [1/m], shape (n, m, 6)."""
 
     @property
     def last(self) -> RollerState:
@@ -236,10 +242,15 @@ class Rolled(NamedTuple):
 
 
 def rolled(
-    lengths: Array, presliding: float, start: Array, before: Array | None = None
-) -> tuple[Array, Array, Array]:
+    lengths: Array,
+    presliding: float,
+    start: Array,
+    before: Array | None = None,
+    steps_by: Array | None = None,
+) -> tuple[Array, Array, Array, Array]:
     r"""How far the friction of rollers builds up along a motion, how that follows the travel over
-    which it does so [1/m], and how it follows what it was, shape (n, m) each.
+    which it does so [1/m], and how it follows what it was, shape (n, m) each; and how it follows what
+    lengths follow, shape (n, m, p).
 
     :math:`\mathrm{d}z / \mathrm{d}l = (1 - z \operatorname{sgn} \dot l) / s` (Dahl [Dahl1968]_), exact
     where a cable runs one way between samples.
@@ -249,17 +260,23 @@ def rolled(
         presliding: Travel s over which it builds up [m].
         start: What it was, shape (m,).
         before: Lengths then [m], shape (m,); None: those of the first sample.
+        steps_by: How steps from one sample to the next follow p numbers, shape (n, m, p); None: no
+            number is asked for.
     """
     steps = np.diff(lengths, axis=0, prepend=lengths[:1] if before is None else before[None])
     share, sign = np.abs(steps) / presliding, np.sign(steps)
     kept = np.exp(-share)
+    by = np.zeros((*lengths.shape, 0)) if steps_by is None else steps_by / presliding
     value, by_travel, by_start = (np.empty_like(lengths) for _ in range(3))
-    z, by_s, by_z = start, np.zeros_like(start), np.ones_like(start)
+    by_lengths = np.empty_like(by)
+    z, by_s, by_z, by_l = start, np.zeros_like(start), np.ones_like(start), np.zeros(by.shape[1:])
     for i in range(len(lengths)):
-        by_s = kept[i] * (by_s + (z - sign[i]) * share[i] / presliding)
-        z, by_z = sign[i] + (z - sign[i]) * kept[i], by_z * kept[i]
-        value[i], by_travel[i], by_start[i] = z, by_s, by_z
-    return value, by_travel, by_start
+        away = z - sign[i]
+        by_s = kept[i] * (by_s + away * share[i] / presliding)
+        by_l = kept[i][:, None] * (by_l - (away * sign[i])[:, None] * by[i])
+        z, by_z = sign[i] + away * kept[i], by_z * kept[i]
+        value[i], by_travel[i], by_start[i], by_lengths[i] = z, by_s, by_z, by_l
+    return value, by_travel, by_start, by_lengths
 
 
 def rolled_along(
@@ -268,6 +285,7 @@ def rolled_along(
     rotation: Array,
     errors: Mapping[str, Array],
     before: RollerState | None = None,
+    geometry: Mapping[str, Array] | None = None,
 ) -> Rolled:
     """What rollers remember along a motion.
 
@@ -278,18 +296,39 @@ def rolled_along(
         errors: Systematic errors of :class:`Tension`. What an estimate takes the travel for may be
             negative, which is none: so it is smooth from one to the other.
         before: What they remember of before; None: the run begins.
+        geometry: ``anchors`` and ``attachments`` as they are believed to be [m], shape (3 m,) each: some
+            tenths of a millimetre decide whether a cable that nearly stops turns around; None: those
+            of the robot.
     """
     lengths = cables_at(robot.with_straight_cables(), position, rotation, np.ones(robot.m)).length
-    stated = float(np.squeeze(errors[PRESLIDING]))
-    wide = float(np.hypot(stated, _LEAST_TRAVEL))
-    travel, by_stated = (stated + wide) / 2, (1 + stated / wide) / 2
+    apart = robot.anchors - attachments_at(position, rotation, robot)
+    if geometry is not None:
+        anchors, attachments = (geometry[k].reshape(-1, 3) for k in ("anchors", "attachments"))
+        stated = np.linalg.norm(apart, axis=2)
+        turned = np.swapaxes(rotation @ (attachments - robot.attachments).T, -1, -2)
+        apart = apart + (anchors - robot.anchors) - turned
+        lengths = lengths + np.linalg.norm(apart, axis=2) - stated
+    direction = apart / np.linalg.norm(apart, axis=2, keepdims=True)
+    by_points = np.concatenate([direction, -(direction @ rotation)], axis=2)
+    travel = float(np.squeeze(errors[PRESLIDING]))
+    wide = float(np.hypot(travel, _LEAST_TRAVEL))
+    by_stated = (1 + travel / wide) / 2
     if before is None:
-        start = np.broadcast_to(errors[PRESLIDING_START], robot.m)
-        value, by_travel, by_start = rolled(lengths, travel, start)
-        return Rolled(lengths, value, by_stated * by_travel, by_start)
-    value, by_travel, kept = rolled(lengths, travel, before.value, before.length)
-    by_travel = by_stated * by_travel + kept * before.by_travel
-    return Rolled(lengths, value, by_travel, kept * before.by_start)
+        start, none = np.broadcast_to(errors[PRESLIDING_START], robot.m), np.zeros(robot.m)
+        first, rows = lengths[:1].sum(axis=0), by_points[:1].sum(axis=0)
+        before = RollerState(first, rows, start, none, none + 1, np.zeros((robot.m, 6)))
+    steps_by = np.diff(by_points, axis=0, prepend=before.length_by_points[None])
+    value, by_travel, kept, by_lengths = rolled(
+        lengths, (travel + wide) / 2, before.value, before.length, steps_by
+    )
+    return Rolled(
+        lengths,
+        by_points,
+        value,
+        by_stated * by_travel + kept * before.by_travel,
+        kept * before.by_start,
+        by_lengths + kept[:, :, None] * before.by_points,
+    )
 
 
 def _anything() -> Prior:

@@ -53,6 +53,7 @@ START, END, SPACING = 0.2, 3.0, 0.4  # [s]
 GRID = knots(START, END, SPACING)
 STEP = 1e-5  # of central differences, of a coefficient, a parameter in its size, a systematic error
 ROLLERS = frozenset({PRESLIDING, PRESLIDING_START})
+REMEMBERED = ROLLERS | {"anchor", "attachment"}
 DIFFERENCES = 2e-6  # relative to the largest; what curves over a metre, a second, a radian, in wrenches of a kN
 BALANCED = 1e-8  # [N], [N m]; rounding of sums of forces of a kN
 CONSTRAINED = 1e-5  # in 1-sigma; where SciPy's general solver ends
@@ -343,7 +344,7 @@ def test_derivatives_by_every_systematic_error_are_those_of_differences(case):
     for (owner, key, run), place in found.calibration_parameters.places.items():
         way = np.zeros(len(found.calibration_parameters))
         way[place] = rng.normal(size=len(way[place]))
-        with nullcontext() if key in ROLLERS else rollers_held(found):
+        with nullcontext() if key in REMEMBERED else rollers_held(found):
             expected = central_differences(
                 lambda v: found.balance(values=v).left_over, found.calibration.values, [way]
             )
@@ -531,8 +532,10 @@ def gains(found):
     if "friction" not in e:
         return gain
     pose, _, _, R, *_ = stated_motion(found)
-    arms = np.einsum("nij,mj->nmi", R, found.robot.attachments)
-    lengths = np.linalg.norm(pose[:, None, :3] + arms - found.robot.anchors, axis=2)
+    points = found.calibration.geometry
+    anchors, attachments = (points[f"{key}s"].reshape(-1, 3) for key in ("anchor", "attachment"))
+    arms = np.einsum("nij,mj->nmi", R, attachments)
+    lengths = np.linalg.norm(pose[:, None, :3] + arms - anchors, axis=2)
     built_up = np.zeros_like(lengths)
     built_up[0] = e["presliding_start"]
     for i, travel in enumerate(np.diff(lengths, axis=0)):

@@ -170,3 +170,11 @@ def test_a_platform_that_rings_freely_is_one_body(seed):
     (run,) = experiment.runs
     late = replace(experiment, runs=(replace(run, window=(BEGINS, BEGINS + 5.0)),))
     assert resonance(fit_jointly(late)) is None
+
+
+def test_a_few_seconds_do_not_hide_a_load_on_a_string():
+    experiment = withstood(sound(0), on_a_string(4.0, 0.9))
+    (run,) = experiment.runs
+    short = replace(experiment, runs=(replace(run, window=(BEGINS, BEGINS + 5.0)),))
+    found = list(reasons(fit_jointly(short)))
+    assert any("swing" in each for each in found), found

@@ -15,8 +15,9 @@ from steelyard.identification.verdict.unmodelled import of_disturbances, scatter
 from steelyard.inertia import Inertia
 
 BODY = Inertia(10.0, np.zeros(3), np.diag([0.2, 0.3, 0.4]))
+FELT = np.array([[0.6, 0.0, 9.81 + 0.8]])  # accelerated by 10 N
 ALPHA = np.array([[0.0, 0.0, 2.0]])  # turns with .8 N m
-(TORQUE,) = (source for source, part in UNMODELLED_PARTS.items() if part.start == 3)
+FORCE, TORQUE = sorted(UNMODELLED_PARTS, key=lambda source: UNMODELLED_PARTS[source].start)
 
 
 @dataclass
@@ -24,20 +25,22 @@ class Samples:
     run: str = "swings"
     alpha: np.ndarray = None
     omega: np.ndarray = None
+    rotation: np.ndarray = None
+    specific_force: np.ndarray = None
 
     def __len__(self):
         return len(self.alpha)
 
 
-def posterior(torque, stated=False, to_and_fro=True):
+def posterior(torque, stated=False, to_and_fro=True, source=TORQUE, duration=5.0):
     turns = np.cos(2 * np.pi * 5 * np.linspace(0, 1, 400)) * np.sqrt(2)
     along = np.zeros((400, 3))
     along[:, 2] = torque * (turns if to_and_fro else np.linspace(0.9, 1.1, 400))
-    process = SimpleNamespace(is_stated=stated, disturbs=TORQUE, source=TORQUE)
+    process = SimpleNamespace(is_stated=stated, disturbs=source, source=source)
     segment = SimpleNamespace(
         static=False,
         run="swings",
-        span=(0.0, 1.0),
+        span=(0.0, duration),
         processes=(process,),
         basis=lambda times: None,
         disturbance=lambda process, local: along,
@@ -47,7 +50,8 @@ def posterior(torque, stated=False, to_and_fro=True):
         parameters=BODY.parameters,
         parameters_in=lambda run: BODY.parameters,
         fit=SimpleNamespace(state=SimpleNamespace(segments=(segment,))),
-        samples=(Samples("swings", ALPHA, np.zeros((1, 3))),),
+        calibration=SimpleNamespace(gravity=np.array([0, 0, -9.81])),
+        samples=(Samples("swings", ALPHA, np.zeros((1, 3)), np.eye(3)[None], FELT),),
     )
 
 
@@ -62,6 +66,16 @@ def test_one_that_is_a_large_part_of_what_turns_the_body_is_no_promise(torque, c
 def test_one_that_drifts_does_not_follow_the_motion():
     # Cells that drift were taken for it: a third of what turns the body, as steady as the day.
     assert not list(of_disturbances(posterior(0.32, to_and_fro=False), VERDICT))
+
+
+@pytest.mark.parametrize(
+    ("force", "duration", "count"), [(0.3, 5.0, 0), (0.6, 5.0, 1), (0.6, 20.0, 0)]
+)
+def test_a_few_seconds_do_not_tell_a_load_that_swings(force, duration, count):
+    found = list(of_disturbances(posterior(force, source=FORCE, duration=duration), VERDICT))
+    assert len(found) == count
+    if found:
+        assert "6% of the force that accelerates the platform, and 5 s of motion" in found[0]
 
 
 def test_one_that_is_stated_is_known():

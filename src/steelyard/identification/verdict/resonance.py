@@ -33,7 +33,7 @@ from steelyard.robot.model import DIRECTIONS
 
 _STEP = 0.01
 """Between the instants at which a response is followed [s]."""
-_PERIODS = 4.0
+_PERIODS = 2.0
 """Of a resonance that is looked for, within a stretch."""
 _LINE = 0.5
 """Of a frequency from the one before, over the width of a line: of what stands between them more than

@@ -55,6 +55,11 @@ class VerdictSettings:
     largest_torque: float = 0.25
     """The same of an unmodelled torque, as a part of that which turns the body: by how much of it
     follows the motion by chance, some per cent of the moments are not told."""
+    short: float = 12.0
+    """Length of a motion [s] below which a load that swings is not told from what pulls by itself: it
+    takes some periods of a string of a metre or two."""
+    largest_force: float = 0.04
+    """An unmodelled force in a shorter one, as a part of that which accelerates the body."""
     mostly_left_out: float = 0.5
     """Part of swings without force sensors that is left out, beyond which longer ones are no help."""
     many_contacts: int = 3

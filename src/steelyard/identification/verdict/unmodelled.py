@@ -10,6 +10,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import UNMODELLED_PARTS, balance_of
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.solve.misfits.disturbances import (
     root_mean_square,
     unstated_along,
@@ -51,19 +52,46 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
                     " the robot, the order and the signs of its forces, and what touches the"
                     " platform, or state it under 'uncertainty: {unmodelled: …}'"
                 )
+            pulls = float(np.linalg.norm(root_mean_square(_beside_its_line(along))))
+            if part.start == 0:
+                yield from _of_short_motion(posterior, segment, pulls, settings)
+                continue
             turning = _turning(posterior, segment.run)
             # What drifts does not follow a platform that turns to and fro.
-            follows = float(np.linalg.norm(root_mean_square(_beside_its_line(along))))
-            if part.start == 3 and follows > settings.largest_torque * turning:
+            if pulls > settings.largest_torque * turning:
                 # It is taken as independent of the motion. What is not is in the moments of
                 # inertia, the more, the larger it is beside what they withstand.
                 yield (
                     f"run '{segment.run}': an {name} that nothing explains is as large as"
-                    f" {follows / max(turning, 1e-300):.0%} of the torque that turns the"
+                    f" {pulls / max(turning, 1e-300):.0%} of the torque that turns the"
                     " platform, so that the inertia may be off by more than its 1-sigma; turn the"
                     " platform faster, remove what pulls at it, or state it under 'uncertainty:"
                     " {unmodelled: …}'"
                 )
+
+
+def _of_short_motion(
+    posterior: Posterior, segment: Segment, pulls: float, settings: VerdictSettings
+) -> Iterator[str]:
+    """An unmodelled force that may be a load that swings, of which a motion is too short to tell.
+
+    Args:
+        posterior: With its body.
+        segment: The motion.
+        pulls: Root mean square of the force [N].
+        settings: With what is short, and large.
+    """
+    duration = float(np.ptp(segment.span))
+    if duration >= settings.short:
+        return
+    accelerating = _accelerating(posterior, segment.run)
+    if pulls > settings.largest_force * accelerating:
+        yield (
+            f"run '{segment.run}': an unmodelled force that nothing explains is as large as"
+            f" {pulls / max(accelerating, 1e-300):.0%} of the force that accelerates the platform,"
+            f" and {duration:.0f} s of motion do not tell whether something swings on it; record"
+            f" {2 * settings.short:.0f} s, or remove what pulls at it"
+        )
 
 
 def of_contacts(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
@@ -118,6 +146,18 @@ def _beside_its_line(along: Array) -> Array:
     line = np.stack([np.ones_like(time), time], axis=1)
     found, *_ = np.linalg.lstsq(line, along, rcond=None)
     return np.asarray(along - line @ found)
+
+
+def _accelerating(posterior: Posterior, run: str) -> float:
+    """Root mean square of the force that accelerates the body in a run [N]."""
+    mass, gravity = abs(float(posterior.parameters_in(run)[0])), posterior.calibration.gravity
+    found = []
+    for each in posterior.samples:
+        if each.run == run and len(each) and each.rotation is not None:
+            found.append(np.einsum("nij,nj->ni", each.rotation, each.specific_force) + gravity)
+    return (
+        mass * float(np.sqrt(np.mean(np.sum(np.concatenate(found) ** 2, axis=1)))) if found else 0.0
+    )
 
 
 def _turning(posterior: Posterior, run: str) -> float:

@@ -40,9 +40,12 @@ def remembered(
         return None
     if segment.static:
         # At rest a roller takes nothing in the mean of all that it might hold.
-        return Rolled(*(np.zeros((len(position), robot.m)) for _ in Rolled._fields))
+        none, points = np.zeros((len(position), robot.m)), np.zeros((len(position), robot.m, 6))
+        return Rolled(none, points, none, none, none, points)
     errors = calibration.of(force_samples.name, instrument, segment.run)
-    return rolled_along(robot, position, rotation, errors, force_samples.before)
+    return rolled_along(
+        robot, position, rotation, errors, force_samples.before, calibration.geometry
+    )
 
 
 def parts_of(
