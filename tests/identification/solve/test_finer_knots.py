@@ -27,8 +27,8 @@ def test_precise_forces_are_followed_on_finer_knots():
     experiment = RECORDER(3, instruments=PRECISE)
     before, wide = fitted(experiment, ON_ITS_KNOTS)
     estimate, spacing = fitted(experiment, MaximumLikelihood())
-    # Taken for a part that moves against the platform: what the spline cannot do.
-    assert not before.verdict.accepted
+    # What the spline cannot do is noise on wide knots, or touches the platform: known less well.
+    assert before.standard_deviation[0] > 1.5 * estimate.standard_deviation[0]
     assert estimate.verdict.accepted
     assert spacing == pytest.approx(wide / 2)
     off = estimate.value - TRUTH
