@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from places import DATA
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
@@ -31,7 +32,7 @@ from steelyard.instruments.equations import (
     predict,
     solve_for,
 )
-from steelyard.instruments.tension import Rolled, rolled, rolled_along
+from steelyard.instruments.tension import rolled, rolled_along
 from steelyard.motion.state import State, motion_of_poses
 from steelyard.motion.trajectory import RestToRest
 from steelyard.robot.file import read_robot
@@ -585,29 +586,21 @@ def test_what_rollers_remember_follows_travel_and_start_as_differences_say(presl
     np.testing.assert_allclose(found.by_start, by_start, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("parts", [1, 3])
-def test_what_rollers_remember_follows_anchors_and_attachments_as_differences_say(parts):
-    robot, (position, rotation) = read_robot("cogiro"), wandering(2, 60)
-    errors = {"presliding": np.array([0.004]), "presliding_start": np.full(robot.m, 0.3)}
-    stated = np.hstack([robot.anchors, robot.attachments])
-
-    def at(points: np.ndarray) -> Rolled:
-        geometry = {"anchors": points[:, :3].ravel(), "attachments": points[:, 3:].ravel()}
-        found, before = [], None
-        for own in np.array_split(np.arange(60), parts):
-            found.append(
-                rolled_along(robot, position[own], rotation[own], errors, before, geometry)
-            )
-            before = found[-1].last
-        return Rolled(*(np.concatenate(each) for each in zip(*found, strict=True)))
-
-    found, step = at(stated), 1e-7
-    for axis in range(6):
-        way = step * np.eye(6)[axis]
-        by_length = (at(stated + way).length - at(stated - way).length) / (2 * step)
-        np.testing.assert_allclose(found.length_by_points[..., axis], by_length, rtol=1e-6)
-        by_value = (at(stated + way).value - at(stated - way).value) / (2 * step)
-        np.testing.assert_allclose(found.by_points[..., axis], by_value, rtol=1e-3, atol=1e-3)
+def test_rollers_turn_by_the_points_that_are_believed():
+    stated, motion = read_robot(DATA / "cogiro-points.yaml"), wandering(2, 60)
+    rng = np.random.default_rng(2)
+    anchors, attachments = (
+        points + 0.01 * rng.normal(size=points.shape)
+        for points in (stated.anchors, stated.attachments)
+    )
+    moved = replace(stated, anchors=anchors, attachments=attachments)
+    errors = {"presliding": np.array([0.004]), "presliding_start": np.full(stated.m, 0.3)}
+    geometry = {"anchors": anchors.ravel(), "attachments": attachments.ravel()}
+    found = rolled_along(stated, *motion, errors, geometry=geometry)
+    expected = rolled_along(moved, *motion, errors)
+    np.testing.assert_allclose(found.length, expected.length, rtol=1e-8)
+    np.testing.assert_allclose(found.value, expected.value, atol=1e-4)
+    assert np.abs(found.value - rolled_along(stated, *motion, errors).value).max() > 0.01
 
 
 def test_rollers_go_on_from_one_part_of_a_motion_to_the_next():

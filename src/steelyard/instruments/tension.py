@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import casadi as ca
 import numpy as np
 from pydantic import Field, model_validator
+from scipy.linalg.lapack import dtbtrs
 
 from steelyard.arrays import Array
 from steelyard.batch import Symbol
@@ -212,45 +213,35 @@ class RollerState(NamedTuple):
     """What rollers remember at an instant; see :class:`Rolled`, without its first axis."""
 
     length: Array
-    length_by_points: Array
     value: Array
     by_travel: Array
     by_start: Array
-    by_points: Array
 
 
 class Rolled(NamedTuple):
-    """What rollers remember along a motion of n samples."""
+    """What rollers remember along a motion of n samples, shape (n, m) each."""
 
     length: Array
-    """Of the straight cables, by which the rollers turn [m], shape (n, m)."""
-    length_by_points: Array
-    """How that follows anchor and attachment of its cable, shape (n, m, 6)."""
+    """Of the straight cables, by which the rollers turn [m]."""
     value: Array
-    """How far the friction has built up, from -1 to 1, shape (n, m)."""
+    """How far the friction has built up, from -1 to 1."""
     by_travel: Array
-    """How that follows the travel over which it builds up [1/m], shape (n, m)."""
+    """How that follows the travel over which it builds up [1/m]."""
     by_start: Array
-    """How it follows what it was where the run began, shape (n, m)."""
-    by_points: Array
-    """How it follows anchor and attachment of its cable [1/m], shape (n, m, 6)."""
+    """How it follows what it was where the run began."""
 
     @property
     def last(self) -> RollerState:
         """At the last sample."""
-        return RollerState(*(each[-1] for each in self))
+        # Copies: views would hold on to all samples before.
+        return RollerState(*(each[-1].copy() for each in self))
 
 
 def rolled(
-    lengths: Array,
-    presliding: float,
-    start: Array,
-    before: Array | None = None,
-    steps_by: Array | None = None,
-) -> tuple[Array, Array, Array, Array]:
+    lengths: Array, presliding: float, start: Array, before: Array | None = None
+) -> tuple[Array, Array, Array]:
     r"""How far the friction of rollers builds up along a motion, how that follows the travel over
-    which it does so [1/m], and how it follows what it was, shape (n, m) each; and how it follows what
-    lengths follow, shape (n, m, p).
+    which it does so [1/m], and how it follows what it was, shape (n, m) each.
 
     :math:`\mathrm{d}z / \mathrm{d}l = (1 - z \operatorname{sgn} \dot l) / s` (Dahl [Dahl1968]_), exact
     where a cable runs one way between samples.
@@ -260,23 +251,33 @@ def rolled(
         presliding: Travel s over which it builds up [m].
         start: What it was, shape (m,).
         before: Lengths then [m], shape (m,); None: those of the first sample.
-        steps_by: How steps from one sample to the next follow p numbers, shape (n, m, p); None: no
-            number is asked for.
     """
     steps = np.diff(lengths, axis=0, prepend=lengths[:1] if before is None else before[None])
     share, sign = np.abs(steps) / presliding, np.sign(steps)
     kept = np.exp(-share)
-    by = np.zeros((*lengths.shape, 0)) if steps_by is None else steps_by / presliding
-    value, by_travel, by_start = (np.empty_like(lengths) for _ in range(3))
-    by_lengths = np.empty_like(by)
-    z, by_s, by_z, by_l = start, np.zeros_like(start), np.ones_like(start), np.zeros(by.shape[1:])
-    for i in range(len(lengths)):
-        away = z - sign[i]
-        by_s = kept[i] * (by_s + away * share[i] / presliding)
-        by_l = kept[i][:, None] * (by_l - (away * sign[i])[:, None] * by[i])
-        z, by_z = sign[i] + away * kept[i], by_z * kept[i]
-        value[i], by_travel[i], by_start[i], by_lengths[i] = z, by_s, by_z, by_l
-    return value, by_travel, by_start, by_lengths
+    # From sample to sample it is kept in part, which is a band of two: solved, not stepped through.
+    right, by_start = sign * (1 - kept), np.zeros_like(kept)
+    right[:1] += kept[:1] * start
+    by_start[:1] = kept[:1]
+    value = _kept_on(kept, right[..., None])[..., 0]
+    away = kept * (np.concatenate([start[None], value[:-1]])[: len(value)] - sign)
+    found = _kept_on(kept, np.stack([away * share / presliding, by_start], axis=2))
+    return value, found[..., 0], found[..., 1]
+
+
+def _kept_on(kept: Array, right: Array) -> Array:
+    """Solution of ``x[i] - kept[i] x[i - 1] = right[i]``, with nothing before, shape (n, m, p).
+
+    Args:
+        kept: Part that is kept from the sample before, shape (n, m).
+        right: Shape (n, m, p).
+    """
+    found = np.empty_like(right)
+    if len(kept):
+        for i in range(kept.shape[1]):
+            band = np.stack([np.ones(len(kept)), np.append(-kept[1:, i], 0.0)])
+            found[:, i], _ = dtbtrs(band, right[:, i], uplo="L")
+    return found
 
 
 def rolled_along(
@@ -301,34 +302,21 @@ def rolled_along(
             of the robot.
     """
     lengths = cables_at(robot.with_straight_cables(), position, rotation, np.ones(robot.m)).length
-    apart = robot.anchors - attachments_at(position, rotation, robot)
     if geometry is not None:
         anchors, attachments = (geometry[k].reshape(-1, 3) for k in ("anchors", "attachments"))
-        stated = np.linalg.norm(apart, axis=2)
+        apart = robot.anchors - attachments_at(position, rotation, robot)
         turned = np.swapaxes(rotation @ (attachments - robot.attachments).T, -1, -2)
-        apart = apart + (anchors - robot.anchors) - turned
-        lengths = lengths + np.linalg.norm(apart, axis=2) - stated
-    direction = apart / np.linalg.norm(apart, axis=2, keepdims=True)
-    by_points = np.concatenate([direction, -(direction @ rotation)], axis=2)
+        moved = apart + (anchors - robot.anchors) - turned
+        lengths = lengths + np.linalg.norm(moved, axis=2) - np.linalg.norm(apart, axis=2)
     travel = float(np.squeeze(errors[PRESLIDING]))
     wide = float(np.hypot(travel, _LEAST_TRAVEL))
     by_stated = (1 + travel / wide) / 2
     if before is None:
         start, none = np.broadcast_to(errors[PRESLIDING_START], robot.m), np.zeros(robot.m)
-        first, rows = lengths[:1].sum(axis=0), by_points[:1].sum(axis=0)
-        before = RollerState(first, rows, start, none, none + 1, np.zeros((robot.m, 6)))
-    steps_by = np.diff(by_points, axis=0, prepend=before.length_by_points[None])
-    value, by_travel, kept, by_lengths = rolled(
-        lengths, (travel + wide) / 2, before.value, before.length, steps_by
-    )
-    return Rolled(
-        lengths,
-        by_points,
-        value,
-        by_stated * by_travel + kept * before.by_travel,
-        kept * before.by_start,
-        by_lengths + kept[:, :, None] * before.by_points,
-    )
+        before = RollerState(lengths[:1].sum(axis=0), start, none, none + 1)
+    value, by_travel, kept = rolled(lengths, (travel + wide) / 2, before.value, before.length)
+    by_travel = by_stated * by_travel + kept * before.by_travel
+    return Rolled(lengths, value, by_travel, kept * before.by_start)
 
 
 def _anything() -> Prior:

@@ -53,7 +53,6 @@ START, END, SPACING = 0.2, 3.0, 0.4  # [s]
 GRID = knots(START, END, SPACING)
 STEP = 1e-5  # of central differences, of a coefficient, a parameter in its size, a systematic error
 ROLLERS = frozenset({PRESLIDING, PRESLIDING_START})
-REMEMBERED = ROLLERS | {"anchor", "attachment"}
 DIFFERENCES = 2e-6  # relative to the largest; what curves over a metre, a second, a radian, in wrenches of a kN
 BALANCED = 1e-8  # [N], [N m]; rounding of sums of forces of a kN
 CONSTRAINED = 1e-5  # in 1-sigma; where SciPy's general solver ends
@@ -308,7 +307,7 @@ def test_balanced_forces_leave_nothing(case):
 
 @contextmanager
 def rollers_held(found):
-    """What the rollers remember does not follow the motion: that it does is of no account."""
+    """What the rollers remember follows neither motion nor geometry: that it does is of no account."""
     with mock.patch.object(balance, "remembered", return_value=found.balance().rolled):
         yield
 
@@ -344,7 +343,7 @@ def test_derivatives_by_every_systematic_error_are_those_of_differences(case):
     for (owner, key, run), place in found.calibration_parameters.places.items():
         way = np.zeros(len(found.calibration_parameters))
         way[place] = rng.normal(size=len(way[place]))
-        with nullcontext() if key in REMEMBERED else rollers_held(found):
+        with nullcontext() if key in ROLLERS else rollers_held(found):
             expected = central_differences(
                 lambda v: found.balance(values=v).left_over, found.calibration.values, [way]
             )
@@ -882,9 +881,10 @@ def test_they_follow_body_and_systematic_errors_as_differences_do(stretching):
     ]
     places = np.concatenate([np.arange(p.start, p.stop) for p in places])
     ways = np.eye(len(found.calibration_parameters))[places]
-    expected = central_differences(
-        lambda v: found.balance(values=v).carried, found.calibration.values, ways
-    )
+    with rollers_held(found):
+        expected = central_differences(
+            lambda v: found.balance(values=v).carried, found.calibration.values, ways
+        )
     assert_derivatives(by_border[:, :, 10 + places], expected)
 
 

@@ -27,7 +27,7 @@ _WORDS = {
     "spike": "readings that stand alone, left out",
     "stuck": "stuck, left out",
     "clipped": "at the end of its range",
-    "held": "readings written again before the next one",
+    "held": "readings written again before the next one, left out",
     "missing": "empty cells",
 }
 

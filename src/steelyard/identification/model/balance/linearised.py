@@ -220,12 +220,6 @@ class BalancePoint:
             )
         if PRESLIDING_START in asked:
             yield asked[PRESLIDING_START], by_rolling * rolled.by_start[:, None]
-        for (key, _), own in zip(_GEOMETRY, (slice(0, 3), slice(3, 6)), strict=True):
-            place = parameters.places[ROBOT, key, None]
-            if self.asks(place):
-                # Cables that nearly stop turn around or not.
-                by_points = by_rolling[..., None] * rolled.by_points[:, None, :, own]
-                yield place, by_points.reshape(*by_points.shape[:2], -1)
 
     def by_gains(self, terms: Sequence[tuple[slice, Array]]) -> ByParameters:
         """Derivative of tensions by gains, of a newton of each, shape (n, m, g).

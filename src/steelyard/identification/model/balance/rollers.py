@@ -40,8 +40,8 @@ def remembered(
         return None
     if segment.static:
         # At rest a roller takes nothing in the mean of all that it might hold.
-        none, points = np.zeros((len(position), robot.m)), np.zeros((len(position), robot.m, 6))
-        return Rolled(none, points, none, none, none, points)
+        none = np.zeros((len(position), robot.m))
+        return Rolled(none, none, none, none)
     errors = calibration.of(force_samples.name, instrument, segment.run)
     return rolled_along(
         robot, position, rotation, errors, force_samples.before, calibration.geometry
