@@ -5,6 +5,7 @@ of the mass and what was found beside the body, and the first reason of a reject
 
 `--drawn SEEDS` draws other recordings of the same kinds (`rough/`, which needs MuJoCo), on robots with
 three to twelve cables, and sums them up by kind and by robot; NAME is then the name of a kind.
+`--motion moves` lets them work from rest to rest, `circles` go round and `slow` at a third of the pace.
 
 `--part START SECONDS` takes a part of every motion only, as who has little time records.
 """
@@ -75,7 +76,12 @@ def imperfect() -> Iterator[tuple[str, Path, Inertia]]:
 
 
 def drawn(
-    seeds: Sequence[int], kinds: Sequence[str], robots: Sequence[str], seconds: float, out: Path
+    seeds: Sequence[int],
+    kinds: Sequence[str],
+    robots: Sequence[str],
+    seconds: float,
+    out: Path,
+    motion: str = "multisine",
 ) -> Iterator[tuple[str, str, Path, Inertia]]:
     """Robot, kind, experiment file and true body of drawn recordings."""
     from rough.kinds import KINDS
@@ -87,7 +93,7 @@ def drawn(
                 continue
             for seed in seeds:
                 folder = out / f"{robot}-{kind}-{seed:02d}"
-                path, body = recorded(robot, kind, seed, folder, seconds)
+                path, body = recorded(robot, kind, seed, folder, seconds, motion)
                 yield robot, kind, path, Inertia.from_body_parameters(body)
 
 
@@ -159,6 +165,12 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--robots", nargs="*", default=[], help="of drawn recordings")
     parser.add_argument("--seconds", type=float, default=20.0, help="length of drawn recordings")
+    parser.add_argument(
+        "--motion",
+        default="multisine",
+        choices=("multisine", "moves", "circles", "slow"),
+        help="of drawn recordings",
+    )
     parser.add_argument("--part", type=float, nargs=2, metavar=("START", "SECONDS"), help="of each")
     given = parser.parse_args(arguments)
     part = tuple(given.part) if given.part else None
@@ -173,7 +185,7 @@ def main(arguments: list[str]) -> None:
     rows = []
     seeds = range(given.first, given.first + given.drawn)
     with tempfile.TemporaryDirectory() as out:
-        every = drawn(seeds, given.names, given.robots, given.seconds, Path(out))
+        every = drawn(seeds, given.names, given.robots, given.seconds, Path(out), given.motion)
         for robot, kind, path, truth in every:
             rows.append(row_of(path.parent.name, kind, robot, path, truth, part))
             print(rows[-1], flush=True)

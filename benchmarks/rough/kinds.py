@@ -61,6 +61,8 @@ class Kind:
     """Winches are locked, a hand pushes three times, the mass is known, and no noise is stated."""
     gains: float = 1.0
     """How much larger gains and their stated 1-sigma are."""
+    motion: str = "multisine"
+    """Of the platform: multisine, moves, circles or slow, a multisine at a third of the pace."""
     robots: tuple[str, ...] = ("cogiro", "six", "twelve", "desk")
 
 

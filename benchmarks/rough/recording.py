@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +23,17 @@ def seed_of(robot: str, kind: str, number: int) -> int:
 
 
 def recorded(
-    robot_name: str, kind_name: str, number: int, folder: Path, duration: float
+    robot_name: str,
+    kind_name: str,
+    number: int,
+    folder: Path,
+    duration: float,
+    motion: str = "multisine",
 ) -> tuple[Path, Array]:
     """Write a recording; its experiment file and the true body, mass first, shape (10,)."""
     draw, path, *noises = np.random.default_rng(seed_of(robot_name, kind_name, number)).spawn(9)
     robot = robots.drawn(robots.ROBOTS[robot_name], draw)
-    kind = kinds.drawn(kinds.KINDS[kind_name], draw)
+    kind = replace(kinds.drawn(kinds.KINDS[kind_name], draw), motion=motion)
     sigma, plain = robot.geometry, robot.plain
     anchors = plain.anchors + sigma * draw.standard_normal(plain.anchors.shape)
     attachments = plain.attachments + sigma * draw.standard_normal(plain.attachments.shape)
