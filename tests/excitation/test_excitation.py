@@ -806,8 +806,12 @@ def test_shares_of_information_and_priors_add_up_to_one():
         found.experiment, {"run": MOTION}, target=target, margin=margin, level=0.0
     )
     np.testing.assert_allclose(
-        evaluation.standard_deviation, found.joint.bound.standard_deviation, rtol=1e-6
+        evaluation.standard_deviation, np.sqrt(np.diag(found.joint.body_covariance)), rtol=1e-6
     )
+    # Noise in the derivatives costs next to nothing in a lively motion.
+    bound = found.joint.bound.standard_deviation
+    assert np.all(evaluation.standard_deviation >= bound)
+    np.testing.assert_allclose(evaluation.standard_deviation, bound, rtol=2e-3)
     J = body_jacobian(found.point.parameters)
     ways = np.linalg.inv(found.information[0] + found.known)[:, :TEN] @ J.T
     known = np.einsum("id,ij,jd->d", ways, found.known, ways) / np.einsum("di,id->d", J, ways[:TEN])

@@ -58,7 +58,7 @@ def in_g(experiment):
 PROBLEMS = {
     "sound": lambda: sound(0),
     "translation": lambda: moving([1, 1, 1, 0, 0, 0])(0),
-    "turning about z": lambda: moving([1, 1, 1, 0, 0, 1.2])(1),
+    "turning about z": lambda: moving([1, 1, 1, 0, 0, 1.2])(2),
     "cables exchanged": lambda: swapped(sound(0), 0, 1),
     "accelerometer in g": lambda: in_g(sound(1)),
 }

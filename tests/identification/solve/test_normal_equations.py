@@ -9,6 +9,7 @@ from steelyard.identification.solve.normal_equations import (
     Blocks,
     BorderEquations,
     BorderPrior,
+    curvature,
     enlarged,
     solve,
     summed,
@@ -299,3 +300,63 @@ def test_what_is_not_told_enlarges_nothing(rng):
     _, _, plain = enlarged_by(rng, different, runs=3)
     blocks = Blocks(np.zeros((0, TEN + 2, TEN + 2)), np.zeros((0, TEN + 2)), np.zeros(0, dtype=int))
     assert enlarged(plain, blocks, np.zeros(TEN, dtype=bool), 10.0) is plain
+
+
+def errors_in_variables(seed, count=300, weak=0.3, noise=0.3):
+    """Ten regressors of unit size but for the last three, with noise of known size, and what they make
+    of a body; estimate by singular values, and the normal equations with all regressors eliminated."""
+    rng = np.random.default_rng(seed)
+    body = np.array([1.0, 0.5, -0.4, 0.3, 0.6, 0.4, 0.5, 0.8, -0.9, 0.7])
+    size = np.where(np.arange(TEN) < 7, 1.0, weak)
+    true = size * rng.standard_normal((count, TEN))
+    seen = true + noise * rng.standard_normal((count, TEN))
+    read = true @ body + noise * rng.standard_normal(count)
+    vectors = np.linalg.svd(np.column_stack([seen, read]))[2]
+    found = -vectors[-1, :TEN] / vectors[-1, TEN]
+    # Of the whole: one equation for each reading, and one for each regressor.
+    variance = noise**2 * (1 + found @ found)
+    left = read - seen @ found
+    settled = seen + np.outer(left, found) * noise**2 / variance
+    normal = settled.T @ settled / variance
+    spread = noise**2 * (np.eye(TEN) - np.outer(found, found) * noise**2 / variance)
+    by_noise = count * spread / variance
+    return body, found, BorderEquations(normal, normal @ found, 0 * normal, count / 6, by_noise)
+
+
+def test_covariance_of_an_estimate_whose_derivatives_are_noisy_is_true():
+    """Against the scatter of total least squares by singular values."""
+    nothing = nothing_known(TEN)
+    every, whole, plain, bound = np.ones(TEN, dtype=bool), [], [], []
+    for seed in range(200):
+        body, found, equations = errors_in_variables(seed)
+        solution = solve(equations, nothing, every, np.full(TEN, 100.0))
+        np.testing.assert_allclose(solution.value, found, rtol=1e-6)
+        error = found - body
+        whole.append(error @ np.linalg.solve(solution.covariance, error))
+        plain.append(error @ equations.normal @ error)
+        bound.append(error @ np.linalg.solve(solution.attainable, error))
+    # Chi-squares of ten, whose mean over 200 scatters by .32.
+    assert 9.0 < np.mean(whole) < 11.0
+    assert np.mean(plain) > 16.0
+    np.testing.assert_allclose(plain, bound, rtol=1e-6)
+
+
+def test_noise_takes_nothing_of_the_curvature_of_what_readings_tell_by_far():
+    _, _, equations = errors_in_variables(0, count=3000, weak=1.0, noise=0.01)
+    curved = curvature(equations.normal, equations.by_noise, ONES)
+    np.testing.assert_allclose(
+        curved, equations.normal, rtol=1e-3, atol=1e-3 * equations.normal[0, 0]
+    )
+    assert curvature(equations.normal, None, np.ones(TEN)) is equations.normal
+
+
+def test_what_noise_tells_alone_is_told_by_nothing():
+    """The curvature stays positive, and what nothing but noise tells is not identifiable."""
+    _, _, equations = errors_in_variables(0, weak=0.0)
+    curved = curvature(equations.normal, equations.by_noise, ONES)
+    assert np.linalg.eigvalsh(curved).min() > 0
+    nothing = nothing_known(TEN)
+    solution = solve(equations, nothing, np.ones(TEN, dtype=bool), ONES)
+    told = np.sqrt(np.diag(solution.covariance)) < 0.5
+    assert told[:7].all()
+    assert not told[7:].any()

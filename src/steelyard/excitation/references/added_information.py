@@ -61,7 +61,7 @@ def bound_with(base: Posterior, further: Posterior, load: Load | None) -> Bound:
         plausible(base.parameters, base.size),
         loads=loads,
     )
-    return bound_of(np.concatenate([base.parameters, nothing[TEN:]]), solution.covariance, nothing)
+    return bound_of(solution, base.parameters)
 
 
 def _noise_of(posterior: Posterior, load: Load | None) -> Array:

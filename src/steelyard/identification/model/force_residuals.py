@@ -56,6 +56,8 @@ class WhitenedBalance:
     """The balance at n samples, as rows of a least-squares problem."""
 
     at: Balance
+    forces: Forces
+    """Of these samples."""
     root: Array
     """Square root of the weight of each sample, shape (n,)."""
     rows: tuple[Rows, ...]
@@ -152,12 +154,12 @@ def whitened_balance(
         segment.label(force_samples.name, BALANCE),
     )
     if force_samples.unmodelled is None:
-        return WhitenedBalance(at, root, (rows,))
+        return WhitenedBalance(at, force_samples, root, (rows,))
     if force_samples.guessed.all():
         # No reading is corrected: all of it is the unmodelled wrench.
         own = replace(rows, label=segment.label(ROBOT, UNMODELLED))
-        return WhitenedBalance(at, root, (own,))
-    return WhitenedBalance(at, root, tuple(_by_origin(rows, at, segment)))
+        return WhitenedBalance(at, force_samples, root, (own,))
+    return WhitenedBalance(at, force_samples, root, tuple(_by_origin(rows, at, segment)))
 
 
 def _origins(at: Balance) -> tuple[Array, Array]:

@@ -167,9 +167,9 @@ def _free(name: str, taken: set[str]) -> str:
 
 def _wider_border(equations: BorderEquations) -> BorderEquations:
     """With columns of a further load."""
-    return replace(
-        equations, normal=np.pad(equations.normal, _BOTH), right=np.pad(equations.right, _MORE)
-    )
+    by_noise = None if equations.by_noise is None else np.pad(equations.by_noise, _BOTH)
+    normal, right = np.pad(equations.normal, _BOTH), np.pad(equations.right, _MORE)
+    return replace(equations, normal=normal, right=right, by_noise=by_noise)
 
 
 def _wider(linear: Linear, values: Array) -> Linear:

@@ -92,7 +92,8 @@ def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
     every = without_columns(every, len(window.steps)) if window.walk else every
     remains = _remains(recursion, window, own, point)
     whole = replace(segment, coefficients=window.motion)
-    noise = left_noise(recursion.task, then, whole, balances, every)
+    by_noise = left_noise(recursion.task, then, whole, balances, every)
+    noise = recursion.task.settings.beyond_noise * by_noise[:TEN, :TEN]
     freedom = float(np.sum(~forces.touched))
     one = np.zeros(window.grid.intervals, dtype=np.intp)
     size = segment.coefficients.size
@@ -106,7 +107,7 @@ def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
         forces,
         tuple(each.at for each in balances),
         np.concatenate([each.root**2 for each in balances]),
-        BorderEquations(remains.normal, remains.right, noise, freedom),
+        BorderEquations(remains.normal, remains.right, noise, freedom, by_noise),
         _compared(recursion, remains, segment.run),
         {source: _among(each, use, border) for source, each in brought.items()},
         inverse,

@@ -329,8 +329,10 @@ class Recursion:
         counted from where they are.
         """
         told = self.relative(self.told)
-        normal = told.normal[np.ix_(self.use, self.use)]
-        return replace(told, normal=normal, right=told.right[self.use])
+        own = np.ix_(self.use, self.use)
+        by_noise = None if told.by_noise is None else told.by_noise[own]
+        normal, right = told.normal[own], told.right[self.use]
+        return replace(told, normal=normal, right=right, by_noise=by_noise)
 
     def _at(self, solution: Solution) -> Recursion:
         """With body and calibration as a solution has them."""

@@ -24,6 +24,7 @@ from steelyard.identification.model.force_residuals import force_residuals
 from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Rows
+from steelyard.identification.solve.normal_equations import Solution
 from steelyard.inertia import BODY_PARAMETERS, TEN, body_jacobian
 
 _EXACT = 1e-9
@@ -45,16 +46,16 @@ class Bound:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
-def bound_of(value: Array, covariance: Array, bias: Array) -> Bound:
-    """Bound of a solution over the ten linear parameters and all systematic errors: its covariance
-    without what was added for a bias.
+def bound_of(solution: Solution, value: Array | None = None) -> Bound:
+    """Bound of a solution over the ten linear parameters and all systematic errors: the inverse of its
+    information, without anything that this estimate lacks.
 
     Args:
-        value: The ten, and what follows them, shape (10 + u,).
-        covariance: Shape (10 + u, 10 + u).
-        bias: That has been taken off, shape (10 + u,).
+        solution: Over all columns.
+        value: Where to take the body, mass first, shape (10,) or more; None: as it is estimated.
     """
-    covariance = covariance - np.outer(bias, bias)
+    value = solution.value if value is None else value
+    covariance = solution.attainable
     J = body_jacobian(value[:TEN])
     return Bound(np.asarray(J @ covariance[:TEN, :TEN] @ J.T), covariance[TEN:, TEN:])
 

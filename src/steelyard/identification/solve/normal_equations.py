@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from steelyard.arrays import Array
 from steelyard.estimates.quantiles import chi2_quantile, student_quantile
@@ -37,13 +38,18 @@ class BorderEquations:
     of nothing but noise would tell, shape (10, 10)."""
     freedom: float
     """Samples of six equations."""
+    by_noise: Array | None = None
+    """Part of ``normal`` that is due to noise in derivatives where the motion follows the forces, see
+    :func:`solve`, shape (k, k); None: nothing."""
 
     def __add__(self, other: BorderEquations) -> BorderEquations:
+        parts = [each.by_noise for each in (self, other) if each.by_noise is not None]
         return BorderEquations(
             self.normal + other.normal,
             self.right + other.right,
             self.noise + other.noise,
             self.freedom + other.freedom,
+            reduce(add, parts) if parts else None,
         )
 
 
@@ -68,6 +74,9 @@ class Solution:
     gain: Array
     """How estimates follow a change of the right-hand side, shape (k, k), zero where nothing is
     estimated."""
+    projection: Array
+    """The same, were the likelihood curved as the products of derivatives say: what makes a residual
+    orthogonal to their columns."""
     estimated: NDArray[np.bool_]
     """Shape (k,); the others are known exactly."""
     noise_part: Array
@@ -88,6 +97,14 @@ class Solution:
     """Why the covariance was enlarged, and by how much (factor of the variance)."""
     scores: Array = field(default_factory=lambda: np.zeros(0))
     """Columns with the residual, shape (k,)."""
+
+    @property
+    def attainable(self) -> Array:
+        """Inverse of the information, with the plausible length of what is not identifiable, shape (k,
+        k).
+        """
+        information = self.projection - self.projection @ self.held @ self.projection.T
+        return np.asarray(information + self.wide @ self.wide.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +165,12 @@ def solve(
 ) -> Solution:
     """Estimate body and calibration parameters.
 
+    The products of derivatives contain those of their noise, N. A motion that follows the forces has
+    its noise in residual and derivatives alike, which takes the same from the curvature of the
+    likelihood: the scores have the variance I that the products say, but the likelihood is curved by
+    I - N only, so that the covariance is (I - N)^-1 I (I - N)^-1 [Fuller1987]_. Where the motion is
+    lively N is nothing beside I.
+
     Args:
         equations: Of all runs.
         prior: Of all columns.
@@ -160,24 +183,31 @@ def solve(
     """
     k = len(estimated)
     use = np.flatnonzero(estimated)
-    normal = equations.normal[np.ix_(use, use)] + prior.precision[np.ix_(use, use)]
-    held, wide = weak_directions(normal, equations.noise, scale, settings)
+    own = np.ix_(use, use)
+    normal = equations.normal[own] + prior.precision[own]
+    by_noise = None if equations.by_noise is None else equations.by_noise[own]
+    curved = curvature(normal, by_noise, scale)
+    held, wide = weak_directions(normal, equations.noise, scale, settings, curved=curved)
     # Directions that are not identifiable are held; their uncertainty is that of what is plausible.
     holding, held_pull = np.zeros((k, k)), np.zeros(k)
     holding[:TEN, :TEN] = held
     every = [_at(np.arange(TEN), wide, k)]
     for each in loads:
-        own_held, own_wide = _of_load(normal, use, each, settings)
+        own_held, own_wide = _of_load(normal, curved, use, each, settings)
         of_both = np.concatenate([np.arange(TEN), each.columns])
         holding[np.ix_(of_both, of_both)] += np.tile(own_held, (2, 2))
         held_pull[of_both] -= np.tile(own_held @ each.value, 2)
         every.append(_at(each.columns, own_wide, k))
     wide = np.hstack(every)
     taken_off = np.zeros(k) if bias is None else bias
-    gain = np.zeros((k, k))
-    gain[np.ix_(use, use)] = inverse_of(normal + holding[np.ix_(use, use)], scale)
+    projection = np.zeros((k, k))
+    projection[own] = inverse_of(normal + holding[own], scale)
     right = equations.right + taken_off
-    value = gain @ (right + prior.pull + held_pull)
+    value = projection @ (right + prior.pull + held_pull)
+    gain = projection
+    if curved is not normal:
+        gain = np.zeros((k, k))
+        gain[own] = inverse_of(curved + holding[own], scale)
     noise_part = gain @ equations.normal @ gain.T
     covariance = noise_part + gain @ prior.precision @ gain.T
     shift = gain @ taken_off
@@ -186,13 +216,14 @@ def solve(
         value=value,
         covariance=(covariance + covariance.T) / 2,
         gain=gain,
+        projection=projection,
         estimated=estimated,
         noise_part=noise_part,
         bias=shift,
         held=holding,
         held_pull=held_pull,
         wide=wide,
-        spent=float(np.trace(gain @ equations.normal)),
+        spent=float(np.trace(projection @ equations.normal)),
         scores=right - equations.normal @ value,
     )
 
@@ -204,19 +235,54 @@ def _at(places: NDArray[np.intp], directions: Array, size: int) -> Array:
     return found
 
 
+_MOST_BY_NOISE = 0.97
+"""Part of the information that noise may be; what is known is beyond any use there."""
+_NOTHING = 1e-6
+"""Information in units of plausible sizes that changes nothing."""
+_ROUNDED = 1e-13
+"""Of the largest information, what its digits do not hold."""
+
+
+def curvature(normal: Array, by_noise: Array | None, scale: Array) -> Array:
+    """Of the likelihood in the mean, see :func:`solve`: positive in all directions, shape (u, u).
+
+    Args:
+        normal: Of the estimated columns with their priors.
+        by_noise: What of it is due to noise in the derivatives; None: nothing.
+        scale: Plausible size of the ten.
+    """
+    if by_noise is None:
+        return normal
+    sizes = np.concatenate([scale, 1 / np.sqrt(np.maximum(np.diag(normal)[TEN:], 1e-300))])
+    unit = np.outer(sizes, sizes)
+    whole = normal * unit
+    least = max(_NOTHING, _ROUNDED * float(np.max(np.diag(whole))))
+    lower = np.linalg.cholesky(whole + least * np.eye(len(sizes)))
+    half = solve_triangular(lower, by_noise * unit, lower=True)
+    part, directions = np.linalg.eigh(solve_triangular(lower, half.T, lower=True))
+    taken = lower @ (directions * np.sqrt(np.clip(part, 0.0, _MOST_BY_NOISE)))
+    return np.asarray(normal - taken @ taken.T / unit)
+
+
 def _of_load(
-    normal: Array, use: NDArray[np.intp], load: FurtherLoad, settings: FitSettings
+    normal: Array,
+    curved: Array,
+    use: NDArray[np.intp],
+    load: FurtherLoad,
+    settings: FitSettings,
 ) -> tuple[Array, Array]:
     """:func:`weak_directions` of a further load.
 
     Args:
         normal: Of the estimated columns with their priors.
+        curved: See :func:`curvature`.
         use: Which columns these are.
         load: Whose directions.
         settings: With what is identifiable.
     """
     change = load.change(len(use), np.searchsorted(use, load.columns))
-    return weak_directions(change.T @ normal @ change, load.noise, load.scale, settings)
+    seen, bent = (change.T @ each @ change for each in (normal, curved))
+    return weak_directions(seen, load.noise, load.scale, settings, curved=bent)
 
 
 def inverse_of(matrix: Array, scale: Array) -> Array:
@@ -240,6 +306,8 @@ def weak_directions(
     scale: Array,
     settings: FitSettings = FIT,
     least: float | None = None,
+    *,
+    curved: Array | None = None,
 ) -> tuple[Array, Array]:
     """What holds the directions of the ten that the data do not tell, shape (10, 10), and these
     directions in plausible length, columns of shape (10, u).
@@ -251,14 +319,9 @@ def weak_directions(
         settings: With what is identifiable.
         least: Information in units of plausible sizes below which a direction is weak; None: one
             that is not identifiable.
+        curved: See :func:`curvature`; None: all of it.
     """
-    others = normal[TEN:, TEN:]
-    information = normal[:TEN, :TEN]
-    if len(others):
-        size = 1 / np.sqrt(np.maximum(np.diag(others), 1e-300))
-        solved = np.linalg.solve(others * np.outer(size, size), normal[TEN:, :TEN] * size[:, None])
-        information = information - (normal[:TEN, TEN:] * size) @ solved
-    scaled = information * np.outer(scale, scale)
+    scaled = _information(normal, normal if curved is None else curved) * np.outer(scale, scale)
     # By the covariance with a unit of information more: what is known exactly must not drown what
     # the readings tell, as it would beside it in one matrix.
     left, vectors = np.linalg.eigh(_inverse(np.eye(TEN) + (scaled + scaled.T) / 2))
@@ -276,6 +339,28 @@ def weak_directions(
     best = float(np.clip(values[left > 0], 1.0, _STRONG).max(initial=1.0))
     held = (directions * (best * settings.held)) @ directions.T / np.outer(scale, scale)
     return held, scale[:, None] * directions
+
+
+def _information(normal: Array, curved: Array) -> Array:
+    """Inverse of the covariance of the ten, all else being estimated beside, shape (10, 10).
+
+    Args:
+        normal: Of the estimated columns with their priors.
+        curved: See :func:`curvature`.
+    """
+    information = curved[:TEN, :TEN]
+    # How the ten move with a score of any column, but for that information.
+    scores = np.eye(len(normal))[:TEN]
+    if len(normal) > TEN:
+        size = 1 / np.sqrt(np.maximum(np.diag(curved)[TEN:], 1e-300))
+        others = curved[TEN:, TEN:] * np.outer(size, size)
+        solved = size[:, None] * np.linalg.solve(others, curved[TEN:, :TEN] * size[:, None])
+        information = information - curved[:TEN, TEN:] @ solved
+        scores = np.hstack([np.eye(TEN), -solved.T])
+    if curved is normal:
+        return information
+    variance = scores @ normal @ scores.T
+    return np.asarray(information @ np.linalg.solve(variance, information))
 
 
 def _inverse(matrix: Array) -> Array:

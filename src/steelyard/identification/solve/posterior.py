@@ -220,6 +220,7 @@ class Posterior:
             value=value,
             covariance=back @ s.covariance @ back.T,
             gain=back @ s.gain @ back.T,
+            projection=back @ s.projection @ back.T,
             noise_part=back @ s.noise_part @ back.T,
             bias=back @ s.bias,
             held=held,
@@ -230,7 +231,9 @@ class Posterior:
         equations = {}
         for run, each in self.equations.items():
             noise = each.noise if self.experiment.load_of(run) is load else np.zeros((TEN, TEN))
-            equations[run] = BorderEquations(*moved(each.normal, each.right), noise, each.freedom)
+            by_noise = None if each.by_noise is None else change.T @ each.by_noise @ change
+            both = moved(each.normal, each.right)
+            equations[run] = BorderEquations(*both, noise, each.freedom, by_noise)
         pairs = [moved(*each) for each in zip(self.blocks.normal, self.blocks.right, strict=True)]
         blocks = Blocks(
             np.array([normal for normal, _ in pairs]).reshape(-1, k, k),
@@ -246,7 +249,7 @@ class Posterior:
             solution=solution,
             blocks=blocks,
             by_source={s: change.T @ each @ change for s, each in self.by_source.items()},
-            bound=bound_of(value, solution.covariance, solution.bias),
+            bound=bound_of(solution),
             load=load,
         )
 

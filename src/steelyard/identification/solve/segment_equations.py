@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
-from steelyard.identification.model.balance import Balance, Forces, parts_of, regressor_at
+from steelyard.identification.model.balance import Balance, Forces, parts_of
+from steelyard.identification.model.balance.linearised import by_body_and_readings
 from steelyard.identification.model.carried_tensions import carried_tensions
 from steelyard.identification.model.fitted_motion import fitted_motion
 from steelyard.identification.model.force_residuals import (
@@ -152,15 +153,17 @@ def segment_equations(
 
     number = _number(segment, task.settings)
     square, right, by_source = by_stretches(segment, second_pass(), every, number)
-    left = np.zeros((TEN, TEN))
+    left, by_noise = np.zeros((TEN, TEN)), None
     if looked_at and not segment.static:
-        left = (
-            noise.left
-            if noise is not None
-            else _regressor_noise(segment, balances, covariance, len(at), state.calibration.gravity)
-        )
+        if noise is None:
+            left = _regressor_noise(
+                segment, balances, covariance, len(at), state.calibration.gravity
+            )
+        else:
+            by_noise = noise.left
+            left = task.settings.beyond_noise * by_noise[:TEN, :TEN]
     freedom = float(np.sum(~forces.touched)) * looked_at
-    equations = BorderEquations(normal, gradient + normal @ at, left, freedom)
+    equations = BorderEquations(normal, gradient + normal @ at, left, freedom, by_noise)
     blocks = Blocks(square, right + square @ at, np.full(len(square), run, dtype=np.intp))
     of_forces.include(of_motion)
     return SegmentEquations(
@@ -334,7 +337,7 @@ def left_noise(
     equations: NormalEquations,
 ) -> Array:
     """What a motion of nothing but noise would tell where the motion follows the forces, as far as
-    motion and processes leave it, shape (10, 10): what they take of the readings tells nothing of
+    motion and processes leave it, shape (k, k): what they take of the readings tells nothing of
     the body, whether it is signal or noise.
     """
     found = _LeftNoise.of(task, state, segment, equations)
@@ -354,7 +357,7 @@ class _LeftNoise:
     moved: Segment
     """The segment with a motion that is off by its noise."""
     by_noise: NormalEquations | None = None
-    """Of regressors that are off by as much."""
+    """Of derivatives that are off by as much."""
 
     @classmethod
     def of(
@@ -367,16 +370,26 @@ class _LeftNoise:
 
     def include(self, balance: WhitenedBalance) -> None:
         """Add the balance at some samples."""
-        there, here = (
-            regressor_at(self.task.experiment, one, balance.at.time, self.state.calibration)
-            for one in (self.moved, self.segment)
+        task, state = self.task, self.state
+        assert state.parameters is not None
+        (there, columns), (here, _) = (
+            by_body_and_readings(
+                task.experiment,
+                segment,
+                balance.forces,
+                state.calibration,
+                state.parameters,
+                state.factors,
+                _every_column(task),
+            )
+            for segment in (self.moved, self.segment)
         )
         white = balance.root[:, None, None] * (balance.at.whitener @ (there - here))
         rows = [
-            replace(row, by_errors=own, columns=np.arange(TEN), label=None)
+            replace(row, by_errors=own, columns=columns, label=None)
             for row, own in zip(balance.rows, balance.by_origin(white), strict=True)
         ]
-        own = self.segment.equations(TEN, rows)
+        own = self.segment.equations(border_of(task), rows)
         if self.by_noise is not None:
             own = replace(
                 own, side=own.side + self.by_noise.side, corner=own.corner + self.by_noise.corner
@@ -385,12 +398,12 @@ class _LeftNoise:
 
     @property
     def left(self) -> Array:
-        """Shape (10, 10)."""
+        """Shape (k, k)."""
         if self.by_noise is None:
-            return np.zeros((TEN, TEN))
+            return np.zeros((border_of(self.task), border_of(self.task)))
         side = self.by_noise.side
         found = self.by_noise.corner - side.T @ self.equations.solve(side)
-        return self.task.settings.beyond_noise * found
+        return (found + found.T) / 2
 
 
 def _number(segment: Segment, settings: FitSettings) -> NDArray[np.intp]:

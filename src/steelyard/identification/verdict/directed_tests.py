@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.estimates.quantiles import normal_exceeded
 from steelyard.identification.model.calibration_parameters import DRAG, ROBOT
+from steelyard.identification.solve.normal_equations import BorderEquations, Solution
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import TEN, body_jacobian
@@ -88,7 +89,7 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
     if not len(tested):
         return
     use = np.flatnonzero(solution.estimated)
-    follow = total.normal[np.ix_(tested, use)] @ solution.gain[np.ix_(use, use)]
+    follow = total.normal[np.ix_(tested, use)] @ solution.projection[np.ix_(use, use)]
     information = total.normal[np.ix_(tested, tested)] - follow @ total.normal[np.ix_(use, tested)]
     score = solution.scores[tested]
     # What the priors of the estimated pull is no evidence against those that are not.
@@ -98,7 +99,9 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
     )
     score = score - follow @ pulled
     diagonal, own = np.diag(information), np.diag(total.normal)[tested]
-    noise = posterior.noise_factor * diagonal
+    noise = posterior.noise_factor * (
+        diagonal + _by_curvature(total, solution, tested, use, follow)
+    )
     noise = np.maximum(
         noise,
         _by_blocks(
@@ -128,6 +131,23 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
             proposal=_proposal(unknown.owner, unknown.key),
             negligible=bool(abs(size) < unknown.negligible),
         )
+
+
+def _by_curvature(
+    total: BorderEquations,
+    solution: Solution,
+    tested: NDArray[np.intp],
+    use: NDArray[np.intp],
+    follow: Array,
+) -> Array:
+    """Variance of the scores since the estimate is not where it would be, were the likelihood curved as
+    the products of derivatives say, shape (t,); arguments as in :func:`_by_blocks`.
+    """
+    if total.by_noise is None:
+        return np.zeros(len(tested))
+    curved = (total.normal - total.by_noise)[np.ix_(tested, use)]
+    further = curved @ solution.gain[np.ix_(use, use)] - follow
+    return np.asarray(np.sum(further @ total.normal[np.ix_(use, use)] * further, axis=1))
 
 
 def _by_blocks(

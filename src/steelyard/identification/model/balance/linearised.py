@@ -19,6 +19,7 @@ from steelyard.identification.model.balance import (
     Forces,
     balance_at,
     moving_at,
+    regressor_at,
     time_constant,
     unmodelled_processes,
 )
@@ -33,6 +34,7 @@ from steelyard.identification.model.calibration_parameters import (
     hose_keys,
 )
 from steelyard.identification.model.motion_residuals import (
+    Border,
     has_column,
     rate_along,
     reference_clocks,
@@ -46,6 +48,7 @@ from steelyard.identification.model.segment import (
     motion_at,
 )
 from steelyard.identification.model.sources import Source
+from steelyard.inertia import TEN
 from steelyard.instruments.base import TIME_CONSTANT, Instrument
 from steelyard.instruments.equations import following, sensitivity
 from steelyard.instruments.tension import GAINS, PRESLIDING, PRESLIDING_START
@@ -337,6 +340,43 @@ def point_of(
         ),
         column_of,
     )
+
+
+def by_body_and_readings(
+    experiment: Experiment,
+    segment: Segment,
+    force_samples: Forces,
+    calibration: CalibrationValues,
+    parameters: Array,
+    factors: Mapping[Source, float],
+    column_of: NDArray[np.intp],
+) -> tuple[Array, NDArray[np.intp]]:
+    """Derivatives of the balance by what noise of the motion is seen in: by the bodies that are carried
+    and the systematic errors of the readings; shape (n, 6, c), and their columns, shape (c,).
+
+    Arguments as of :func:`.whitened_balance`.
+    """
+    moving = moving_at(experiment, segment, force_samples, calibration, parameters)
+    at = balance_at(moving, experiment, segment, force_samples, calibration, factors)
+    regressor = -regressor_at(experiment, segment, at.time, calibration)
+    point = BalancePoint(
+        experiment,
+        segment,
+        force_samples,
+        calibration,
+        at,
+        moving.local,
+        motion_at(moving.local, segment.coefficients),
+        {"by_parameters": regressor},
+    )
+    border = Border(column_of, len(at.time), DIRECTIONS)
+    border.extend(np.arange(TEN), point.by_body(parameters))
+    for place, derivative in point.by_terms():
+        border.put(place, derivative)
+    load = calibration.calibration_parameters.place_of_load(segment.run)
+    if load is not None:
+        border.put(load, regressor)
+    return border.collected()
 
 
 def _pulling(
