@@ -6,16 +6,16 @@ readings, since ``exp(-s T) (1 + s T) = 1 - (s T)^2 / 2 + (s T)^3 / 3 - ...``.
 
 The closer the samples are by which a change is looked at, the faster are the changes that are seen (a
 cable that goes slack or comes taut within some hundredths of a second), and the more noise is seen
-with them. The readings are corrected by changes over as short a time as their noise allows. Derivatives
-by the time constant are those over the longest: their noise is next to none, and does not meet that of
-the readings.
+with them. The readings are corrected by changes over as short a time as their noise allows, and taken as noisy as they are then: else no filter at all would fit best where it
+explains little. Derivatives by the time constant are those over the longest; that their noise meets that
+of the readings is taken off.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +78,34 @@ class ReadingChanges:
         second, third = self.values[0]
         return np.asarray(constant * second - constant**2 * third)
 
+    def louder(self, constant: float) -> float:
+        """Noise of readings without what a filter of this time constant T [s] adds, in their own.
+
+        What is fitted best would be no filter at all, if corrected readings were not taken as noisy as
+        they are.
+        """
+        return float(np.sqrt(np.sum(self._corrected(constant) ** 2)))
+
+    def louder_by_constant(self, constant: float) -> float:
+        """The relative derivative of :meth:`louder` by the time constant [1/s], as far as it is that of
+        :meth:`added_by_constant`: by so much of themselves residuals would seem to change with it.
+        """
+        if self.step <= 0:
+            return 0.0
+        whole = self._corrected(constant)
+        second, third = _kernels(self.step)[0]
+        change = constant**2 * third - constant * second
+        return float(change @ whole / (whole @ whole))
+
+    def _corrected(self, constant: float) -> Array:
+        """What is made of a single reading of one among many of nothing, shape (n,)."""
+        if self.step <= 0:
+            return np.ones(1)
+        second, third = np.tensordot(self._weights(constant), _kernels(self.step), axes=1)
+        whole = np.asarray(constant**3 / 3 * third - constant**2 / 2 * second)
+        whole[len(whole) // 2] += 1.0
+        return whole
+
     def _weights(self, constant: float) -> Array:
         """Of what is seen over each time, shape (w,): of the two next to the shortest that noise
         allows, so that what is added has no step along the time constant.
@@ -88,6 +116,21 @@ class ReadingChanges:
         shortest = max(float(by_noise), _FASTEST * constant)
         place = np.log2(AROUND / max(shortest, _TIMES[-1]))
         return np.asarray(np.maximum(0.0, 1 - np.abs(np.arange(len(_TIMES)) - max(place, 0.0))))
+
+
+@lru_cache(maxsize=8)
+def _kernels(step: float) -> Array:
+    """Second and third derivatives of a single reading of one among many of nothing, over each time,
+    shape (w, 2, n).
+
+    Args:
+        step: Between readings [s].
+    """
+    reach = 2 * int(2 * AROUND / step) + 4
+    single = np.zeros((2 * reach + 1, 1))
+    single[reach] = 1.0
+    time = np.asarray(step * np.arange(len(single)), dtype=np.float64)
+    return _seen(time, single)[..., 0]
 
 
 def _seen(time: Array, readings: Array) -> Array:

@@ -307,7 +307,7 @@ def balance_at(
     disturbance = unmodelled_processes(segment, local)
     if disturbance.any():
         left_over -= np.einsum("nij,nj->ni", measured.unmodelled.wrench, disturbance)
-    sigmas = force_samples.sigmas(segment, factors)
+    sigmas = told.sigmas(segment, factors)
     unmodelled_sigma = force_samples.unmodelled_sigma(segment, factors)
     white = None
     if unmodelled_sigma.any():

@@ -201,7 +201,8 @@ def undisturbed(force_samples: Forces, added: Array) -> Forces:
 
 
 def unfiltered(force_samples: Forces, constant: float) -> Forces:
-    """Force readings as they would be if their filter made them late and nothing else.
+    """Force readings as they would be if their filter made them late and nothing else, with the noise
+    that they have then.
 
     Args:
         force_samples: Force readings.
@@ -214,4 +215,5 @@ def unfiltered(force_samples: Forces, constant: float) -> Forces:
         quantity: values - smoothed[:, force_samples.places[quantity]]
         for quantity, values in force_samples.readings.items()
     }
-    return replace(force_samples, readings=readings)
+    sigma = force_samples.changes.louder(constant) * force_samples.sigma
+    return replace(force_samples, readings=readings, sigma=sigma)

@@ -304,7 +304,9 @@ class BalancePoint:
         if forces.changes is None or constant == 0.0:
             return np.zeros((len(forces.time), DIRECTIONS, 1))
         by_constant = forces.changes.added_by_constant(constant)
-        return np.asarray(-self.at.by_reading @ by_constant[:, :, None])
+        # What is left over changes as its noise does, too: that says nothing.
+        louder = forces.changes.louder_by_constant(constant) * self.at.left_over
+        return np.asarray(-self.at.by_reading @ by_constant[:, :, None] - louder[:, :, None])
 
 
 def point_of(
