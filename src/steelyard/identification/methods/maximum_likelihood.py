@@ -34,7 +34,7 @@ class MaximumLikelihood(PosteriorMethod):
     @property
     def fit(self) -> Fit:
         """What the estimate is drawn from."""
-        return JointMotion(self.settings)
+        return JointMotion(self.settings, self.verdict)
 
     def of(self, posterior: Posterior) -> Estimate:
         """Estimate from a posterior of :attr:`fit`; raises as :meth:`.Consistent.of` does."""

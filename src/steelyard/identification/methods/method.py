@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Protocol
 
 from steelyard.estimates.estimate import Estimate, no_estimate
@@ -16,9 +16,11 @@ from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.fall_back import fit_that_arrives
 from steelyard.identification.methods.loads import drawn
 from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.between_fits.finer_knots import follows
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.identification.verdict.resonance import resonance
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 
 Fit = Callable[[Experiment, Progress], Posterior]
@@ -107,13 +109,27 @@ class PosteriorMethod(ABC):
 
 @dataclass(frozen=True)
 class JointMotion:
-    """Motion, body and calibration at once; see :func:`.fit_that_arrives`."""
+    """Motion, body and calibration at once; see :func:`.fit_that_arrives`.
+
+    Where a part seems to move against the platform faster than the knots follow, it may be the
+    platform as a whole, on its cables: the motion is followed as closely as that asks for, and where
+    nothing seems to move then, that is what counts.
+    """
 
     settings: FitSettings = FIT
+    verdict: VerdictSettings = field(default=VERDICT, hash=False)
 
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Posterior:
         """Posterior of an experiment; raises as :func:`.fit_that_arrives` does."""
-        return fit_that_arrives(experiment, progress, settings=self.settings)
+        found = fit_that_arrives(experiment, progress, settings=self.settings)
+        moving = resonance(found, self.verdict)
+        if moving is None or moving.name != "bends" or follows(found.fit.state, moving.frequency):
+            return found
+        closer = fit_that_arrives(
+            experiment, progress, settings=self.settings, vibrating=moving.frequency
+        )
+        still = resonance(closer, self.verdict)
+        return closer if closer.fit.converged and still is None else found
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ from steelyard.identification.solve.between_fits.finer_knots import (
     finer_explain,
     force_level,
     on_finer_knots,
+    unfollowed,
     vibrations_of,
 )
 from steelyard.identification.solve.between_fits.lengths_by_tensions import (
@@ -65,6 +66,8 @@ def fit_jointly(
     progress: Progress = None,
     start: CalibrationValues | None = None,
     settings: FitSettings = FIT,
+    *,
+    vibrating: float = 0.0,
 ) -> Posterior:
     """Fit an experiment as a whole.
 
@@ -73,6 +76,8 @@ def fit_jointly(
         progress: Is called with what is being done and the fraction that is done.
         start: Values of the calibration parameters to begin with; None: as known beforehand.
         settings: How to fit.
+        vibrating: Frequency at which motions are to be followed too, as far as their instruments
+            resolve it [Hz].
 
     Raises:
         InputError: A run lacks what the method needs.
@@ -86,26 +91,30 @@ def fit_jointly(
     def posterior() -> Posterior:
         dense = average_dense(experiment, settings.motion)
         readings = read(dense, start, tell, settings=settings)
-        found = fit_readings(readings, begin(readings, tell, thorough=False), tell)
+        begun = begin(readings, tell, thorough=False)
+        found = fit_readings(readings, begun, tell, vibrating=vibrating)
         return concluded([stretch_of(readings, found)])
 
     return sound(posterior)
 
 
-def fit_readings(readings: Readings, begun: Beginning, tell: Tell) -> Fitted:
+def fit_readings(
+    readings: Readings, begun: Beginning, tell: Tell, *, vibrating: float = 0.0
+) -> Fitted:
     """Fit motion and forces, with what vibrates followed more closely, and what nothing explains.
 
     Args:
         readings: Of the experiment.
         begun: Where to begin.
         tell: Is called with what is being done and the fraction that is done.
+        vibrating: See :func:`fit_jointly`.
 
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
     readings, begun = undisturbed_swings(readings, begun)
     found = _fitted(readings, begun, tell, {})
-    if vibrations := vibrations_of(readings, found):
+    if vibrations := vibrations_of(readings, found) or unfollowed(readings, found, vibrating):
         tell("following a vibration", 0.4)
         readings = on_finer_knots(readings, vibrations)
         begun = with_body(readings, begun_again(readings, found, vibrations))

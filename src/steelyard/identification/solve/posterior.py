@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ from steelyard.identification.solve.normal_equations import (
 )
 from steelyard.inertia import TEN, body_jacobian
 
+T = TypeVar("T")
 Progress = Callable[[str, float], None] | None
 """Is called with what is being done and the fraction that is done."""
 
@@ -84,6 +86,20 @@ class Posterior:
     is known of how a motion goes."""
     load: Load | None = None
     """The one that it is seen from, see :meth:`of_load`; None: there is one body, or the first."""
+    _kept: dict[str, tuple[object, Any]] = field(init=False, default_factory=dict)
+    """See :meth:`once`."""
+
+    def once(self, name: str, settings: object, make: Callable[[], T]) -> T:
+        """What takes a while to find out and is asked for more than once.
+
+        Args:
+            name: What it is.
+            settings: By which it is found out.
+            make: Finds it out.
+        """
+        if name not in self._kept or self._kept[name][0] != settings:
+            self._kept[name] = settings, make()
+        return cast(T, self._kept[name][1])
 
     @property
     def by_contradiction(self) -> list[str]:

@@ -112,6 +112,11 @@ def resonance(found: Posterior, settings: VerdictSettings = VERDICT) -> Resonanc
         found: What the estimate stands on.
         settings: How much matters.
     """
+    return found.once("resonance", settings, lambda: _resonance(found, settings))
+
+
+def _resonance(found: Posterior, settings: VerdictSettings) -> Resonance | None:
+    """See :func:`resonance`."""
     # The noise of a held motion is in what is left over and in the response alike.
     stretches = [] if found.fit.motions else list(_stretches(found))
     if not stretches:

@@ -19,13 +19,16 @@ from steelyard.identification.solve.beginning import (
     motion_task,
 )
 from steelyard.identification.solve.conclusion import Fitted
-from steelyard.identification.solve.fit_state import linearise, smooth
+from steelyard.identification.solve.fit_state import FitState, linearise, smooth
 from steelyard.identification.solve.misfits.coherence import coherence
 from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.newton_step import step_of
 from steelyard.identification.solve.noise_levels import ratios_of, spent_by
 from steelyard.identification.solve.stated_processes import with_stated
 from steelyard.smoothing import DEGREE
+
+_KNOTS = 5.0
+"""In a period of what vibrates; two are the least that follow it at all."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,36 @@ def vibrations_of(readings: Readings, fitted: Fitted) -> dict[str, FinerKnots]:
             clock = clock_of(readings.experiment, own.instrument)
             found[segment.run] = FinerKnots(finest[segment.run], clock, own.lag)
     return found
+
+
+def follows(state: FitState, frequency: float) -> bool:
+    """Whether the knots of all motions follow a frequency [Hz]."""
+    return all(
+        segment.static
+        or float(segment.knots[DEGREE + 1] - segment.knots[DEGREE]) * _KNOTS * frequency < 1
+        for segment in state.segments
+    )
+
+
+def unfollowed(readings: Readings, found: Fitted, frequency: float) -> dict[str, FinerKnots]:
+    """Runs whose knots do not follow a frequency that the instruments of the motion resolve.
+
+    Args:
+        readings: Of the experiment.
+        found: A fit.
+        frequency: That vibrates [Hz]; 0: nothing does.
+    """
+    settings, experiment = readings.settings, readings.experiment
+    closest = {segment.run: each.closest for each in readings.records for segment in each.segments}
+    coarse = {}
+    for segment, forces in zip(found.fit.state.segments, found.force_samples, strict=True):
+        if segment.static or not frequency:
+            continue
+        spacing = float(segment.knots[DEGREE + 1] - segment.knots[DEGREE])
+        finer = max(closest[segment.run], 1 / (_KNOTS * frequency))
+        if finer < settings.much_finer * spacing:
+            coarse[segment.run] = FinerKnots(finer, clock_of(experiment, forces.name), 0.0)
+    return coarse
 
 
 def coarse_runs(readings: Readings, found: Fitted) -> dict[str, FinerKnots]:
