@@ -6,9 +6,11 @@ import json
 import numpy as np
 import pytest
 from places import ROOT
+from scipy.stats import chi2
 
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.read import read_experiment
+from steelyard.identification.identify import identify
 from steelyard.inertia import Inertia
 
 pytestmark = pytest.mark.mujoco
@@ -60,3 +62,19 @@ def test_a_seed_is_a_recording(rough, tmp_path):
         (tmp_path / each / "run" / "cables.csv").read_bytes() for each in ("one", "again", "other")
     )
     assert one == again != other
+
+
+@pytest.mark.parametrize(("name", "number"), [("six", 1), ("six", 3), ("cogiro", 1)])
+def test_what_level_circles_tell_is_true(rough, tmp_path, name, number):
+    """Nothing but vibrations that the gyro barely sees turns the platform: what noise alone tells of
+    the moments, and of the gyro, is told by nothing."""
+    path, body = rough("recording").recorded(name, "sound", number, tmp_path, 10.0, "circles")
+    found = identify(read_experiment(path), ["maximum-likelihood"]).estimate
+    told = np.isfinite(found.value)
+    error = (found.value - body)[told]
+    assert found.verdict.accepted, found.verdict.reasons
+    assert told[:4].all()
+    assert not told[6]
+    assert error @ np.linalg.solve(found.covariance[np.ix_(told, told)], error) < chi2.isf(
+        1e-3, told.sum()
+    )

@@ -142,26 +142,31 @@ def segment_equations(
     normal, gradient = every.reduced()
     at = absolute(state)
     covariance = every.inverse if motion is None else motion
-    noise = _LeftNoise.of(task, state, segment, every) if motion is None else None
+    noise = None
+    if motion is None and looked_at and not segment.static:
+        noise = _LeftNoise.of(task, state, segment, every)
 
     def second_pass() -> Iterator[Rows]:
-        yield from linearised.of_motion(None)
+        if noise is None:
+            yield from linearised.of_motion(None)
+        else:
+            off = replace(linearised, segment=noise.moved, kept={})
+            for here, there in zip(linearised.of_motion(None), off.of_motion(None), strict=True):
+                noise.include_motion(here, there)
+                yield here
         for each in linearised.of_forces(None):
-            if noise is not None and looked_at and not segment.static:
+            if noise is not None:
                 noise.include(each)
             yield from linearised.counted(each)
 
     number = _number(segment, task.settings)
     square, right, by_source = by_stretches(segment, second_pass(), every, number)
     left, by_noise = np.zeros((TEN, TEN)), None
-    if looked_at and not segment.static:
-        if noise is None:
-            left = _regressor_noise(
-                segment, balances, covariance, len(at), state.calibration.gravity
-            )
-        else:
-            by_noise = noise.left
-            left = task.settings.beyond_noise * by_noise[:TEN, :TEN]
+    if noise is not None:
+        by_noise = noise.left
+        left = task.settings.beyond_noise * by_noise[:TEN, :TEN]
+    elif looked_at and not segment.static:
+        left = _regressor_noise(segment, balances, covariance, len(at), state.calibration.gravity)
     freedom = float(np.sum(~forces.touched)) * looked_at
     equations = BorderEquations(normal, gradient + normal @ at, left, freedom, by_noise)
     blocks = Blocks(square, right + square @ at, np.full(len(square), run, dtype=np.intp))
@@ -389,7 +394,20 @@ class _LeftNoise:
             replace(row, by_errors=own, columns=columns, label=None)
             for row, own in zip(balance.rows, balance.by_origin(white), strict=True)
         ]
-        own = self.segment.equations(border_of(task), rows)
+        self._add(rows)
+
+    def include_motion(self, here: Rows, there: Rows) -> None:
+        """Add readings of the motion.
+
+        Args:
+            here: As they are linearised.
+            there: The same with a motion that is off by its noise.
+        """
+        if here.by_errors.shape == there.by_errors.shape and here.by_errors.size:
+            self._add([replace(here, by_errors=there.by_errors - here.by_errors, label=None)])
+
+    def _add(self, rows: Sequence[Rows]) -> None:
+        own = self.segment.equations(border_of(self.task), rows)
         if self.by_noise is not None:
             own = replace(
                 own, side=own.side + self.by_noise.side, corner=own.corner + self.by_noise.corner

@@ -99,9 +99,8 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
     )
     score = score - follow @ pulled
     diagonal, own = np.diag(information), np.diag(total.normal)[tested]
-    noise = posterior.noise_factor * (
-        diagonal + _by_curvature(total, solution, tested, use, follow)
-    )
+    beyond, told = _by_curvature(total, solution, tested, use, follow, diagonal)
+    noise = posterior.noise_factor * (diagonal + beyond)
     noise = np.maximum(
         noise,
         _by_blocks(
@@ -118,7 +117,7 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
     moves = -solution.gain[:TEN][:, use] @ total.normal[np.ix_(use, tested)]
     length = length_of(posterior)
     for i, column in enumerate(tested):
-        if diagonal[i] < settings.its_own * own[i]:
+        if diagonal[i] < settings.its_own * own[i] or told[i] < settings.told:
             continue
         unknown, size = components[int(column)], score[i] / diagonal[i]
         yield Finding(
@@ -139,15 +138,31 @@ def _by_curvature(
     tested: NDArray[np.intp],
     use: NDArray[np.intp],
     follow: Array,
-) -> Array:
-    """Variance of the scores since the estimate is not where it would be, were the likelihood curved as
-    the products of derivatives say, shape (t,); arguments as in :func:`_by_blocks`.
+    information: Array,
+) -> tuple[Array, Array]:
+    """What noise of the motion in the derivatives does to the tests: variance of the scores since the
+    estimate is not where it would be, were the likelihood curved as the products of derivatives say,
+    and the part of the information that no noise has told, shape (t,) each.
+
+    Args:
+        total: Of all runs.
+        solution: Of them.
+        tested: Columns that are tested, shape (t,).
+        use: Columns that are estimated, shape (u,).
+        follow: How scores of the former follow those of the latter, shape (t, u).
+        information: Of each test, shape (t,).
     """
     if total.by_noise is None:
-        return np.zeros(len(tested))
+        return np.zeros(len(tested)), np.ones(len(tested))
     curved = (total.normal - total.by_noise)[np.ix_(tested, use)]
     further = curved @ solution.gain[np.ix_(use, use)] - follow
-    return np.asarray(np.sum(further @ total.normal[np.ix_(use, use)] * further, axis=1))
+    across = total.by_noise[np.ix_(tested, use)]
+    within = follow @ total.by_noise[np.ix_(use, use)]
+    by_noise = np.diag(total.by_noise)[tested] + np.sum((within - 2 * across) * follow, axis=1)
+    return (
+        np.sum(further @ total.normal[np.ix_(use, use)] * further, axis=1),
+        1 - by_noise / np.maximum(information, 1e-300),
+    )
 
 
 def _by_blocks(

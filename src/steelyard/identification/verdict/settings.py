@@ -38,6 +38,9 @@ class VerdictSettings:
     """Numbers of the description that are named: what is named first may explain the rest."""
     fewest_blocks: int = 8
     """Stretches that tell a variance of scores."""
+    told: float = 0.5
+    """Part of what is known of a number that the motion must have told, and not its noise: the scale of
+    a gyro about an axis about which nothing turns was -1 by its noise."""
     its_own: float = 1e-3
     """Least part of a column that no estimated unknown could stand in for; less says nothing about
     this number alone."""
