@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
-from steelyard.identification.model.balance import Balance, Forces, parts_of
+from steelyard.identification.model.balance import Balance, Forces, balance_of, parts_of
 from steelyard.identification.model.balance.linearised import by_body_and_readings
 from steelyard.identification.model.carried_tensions import carried_tensions
 from steelyard.identification.model.fitted_motion import fitted_motion
@@ -144,7 +144,7 @@ def segment_equations(
     covariance = every.inverse if motion is None else motion
     noise = None
     if motion is None and looked_at and not segment.static:
-        noise = _LeftNoise.of(task, state, segment, every)
+        noise = _LeftNoise.of(task, state, segment, every, column_of)
 
     def second_pass() -> Iterator[Rows]:
         if noise is None:
@@ -345,7 +345,8 @@ def left_noise(
     motion and processes leave it, shape (k, k): what they take of the readings tells nothing of
     the body, whether it is signal or noise.
     """
-    found = _LeftNoise.of(task, state, segment, equations)
+    column_of = np.where(task.active, _every_column(task), -1)
+    found = _LeftNoise.of(task, state, segment, equations, column_of)
     for each in balances:
         found.include(each)
     return found.left
@@ -361,33 +362,44 @@ class _LeftNoise:
     equations: NormalEquations
     moved: Segment
     """The segment with a motion that is off by its noise."""
+    column_of: NDArray[np.intp]
+    """Column of each calibration parameter that is asked for; -1: it is not; shape (u,)."""
     by_noise: NormalEquations | None = None
     """Of derivatives that are off by as much."""
 
     @classmethod
     def of(
-        cls, task: Task, state: FitState, segment: Segment, equations: NormalEquations
+        cls,
+        task: Task,
+        state: FitState,
+        segment: Segment,
+        equations: NormalEquations,
+        column_of: NDArray[np.intp],
     ) -> _LeftNoise:
         """Of no balance yet; arguments as of :func:`left_noise`."""
         noise = equations.drawn(np.random.default_rng(0)).reshape(-1, segment.block)
         moved = replace(segment, coefficients=segment.coefficients + noise)
-        return cls(task, state, segment, equations, moved)
+        return cls(task, state, segment, equations, moved, column_of)
 
     def include(self, balance: WhitenedBalance) -> None:
         """Add the balance at some samples."""
         task, state = self.task, self.state
         assert state.parameters is not None
+        experiment, calibration = task.experiment, state.calibration
+        off = balance_of(
+            experiment, self.moved, balance.forces, calibration, state.parameters, state.factors
+        )
         (there, columns), (here, _) = (
             by_body_and_readings(
-                task.experiment,
+                experiment,
                 segment,
                 balance.forces,
-                state.calibration,
+                calibration,
                 state.parameters,
-                state.factors,
-                _every_column(task),
+                at,
+                self.column_of,
             )
-            for segment in (self.moved, self.segment)
+            for segment, at in ((self.moved, off), (self.segment, balance.at))
         )
         white = balance.root[:, None, None] * (balance.at.whitener @ (there - here))
         rows = [
@@ -419,8 +431,10 @@ class _LeftNoise:
         """Shape (k, k)."""
         if self.by_noise is None:
             return np.zeros((border_of(self.task), border_of(self.task)))
-        side = self.by_noise.side
-        found = self.by_noise.corner - side.T @ self.equations.solve(side)
+        found = np.zeros_like(self.by_noise.corner)
+        noisy = np.flatnonzero(np.diag(self.by_noise.corner))
+        own, side = np.ix_(noisy, noisy), self.by_noise.side[:, noisy]
+        found[own] = self.by_noise.corner[own] - side.T @ self.equations.solve(side)
         return (found + found.T) / 2
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
+from steelyard.dynamics import platform_regressor
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import (
     UNMODELLED_PARTS,
@@ -19,7 +20,6 @@ from steelyard.identification.model.balance import (
     Forces,
     balance_at,
     moving_at,
-    regressor_at,
     time_constant,
     unmodelled_processes,
 )
@@ -350,26 +350,27 @@ def by_body_and_readings(
     force_samples: Forces,
     calibration: CalibrationValues,
     parameters: Array,
-    factors: Mapping[Source, float],
+    at: Balance,
     column_of: NDArray[np.intp],
 ) -> tuple[Array, NDArray[np.intp]]:
     """Derivatives of the balance by what noise of the motion is seen in: by the bodies that are carried
     and the systematic errors of the readings; shape (n, 6, c), and their columns, shape (c,).
 
-    Arguments as of :func:`.whitened_balance`.
+    Args:
+        experiment: With robot and instruments.
+        segment: With its motion.
+        force_samples: Force readings within it.
+        calibration: Present values of the systematic errors.
+        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,).
+        at: The balance there.
+        column_of: Column of each systematic error in the border; -1: not there; shape (u,).
     """
-    moving = moving_at(experiment, segment, force_samples, calibration, parameters)
-    at = balance_at(moving, experiment, segment, force_samples, calibration, factors)
-    regressor = -regressor_at(experiment, segment, at.time, calibration)
+    regressor = -platform_regressor(*(at.motion[k] for k in ("specific_force", "omega", "alpha")))
+    local = segment.basis(at.time)
+    motion = motion_at(local, segment.coefficients)
+    by_body = {"by_parameters": regressor}
     point = BalancePoint(
-        experiment,
-        segment,
-        force_samples,
-        calibration,
-        at,
-        moving.local,
-        motion_at(moving.local, segment.coefficients),
-        {"by_parameters": regressor},
+        experiment, segment, force_samples, calibration, at, local, motion, by_body, column_of
     )
     border = Border(column_of, len(at.time), DIRECTIONS)
     border.extend(np.arange(TEN), point.by_body(parameters))
