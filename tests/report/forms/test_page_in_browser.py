@@ -2,10 +2,12 @@
 paper, without scripts."""
 
 import base64
+import time
 
 import numpy as np
 import pytest
 from browser import (
+    PATIENCE,
     assert_quiet,
     assert_reachable,
     assert_sound,
@@ -231,12 +233,20 @@ def test_on_paper_all_is_drawn_and_light(driver, written):
     assert_sound(driver, scheme="dark")
 
 
+def laid_out(driver):
+    """All text of the page as it is laid out, asked for from outside."""
+    document = driver.execute_cdp_cmd("DOMSnapshot.captureSnapshot", {"computedStyles": []})
+    strings = document["strings"]
+    return " ".join(strings[i] for i in document["documents"][0]["layout"]["text"] if i >= 0)
+
+
 def test_without_scripts_tables_are_there(driver, written):
     open_page(driver, written, width=400, scripts=False)
     try:
-        document = driver.execute_cdp_cmd("DOMSnapshot.captureSnapshot", {"computedStyles": []})
-        strings = document["strings"]
-        shown = " ".join(strings[i] for i in document["documents"][0]["layout"]["text"] if i >= 0)
+        # A page is loaded before it is laid out, on a busy machine long before.
+        end, shown = time.monotonic() + PATIENCE, ""
+        while "All ten parameters" not in shown and time.monotonic() < end:
+            shown = laid_out(driver)
         assert "All ten parameters" in shown
         assert "32 ± 19" in shown
         assert "needs JavaScript" in shown
