@@ -186,15 +186,24 @@ def _hanging(plain: public.PublicRobot, anchors: Array, attachments: Array, pose
 def _command(robot: RoughRobot, kind: Kind, duration: float, rng: np.random.Generator) -> BSpline:
     """Poses over time: x, y, z [m] and a rotation vector."""
     plain = robot.plain
-    if kind.motion == "multisine" and not kind.pushed:
-        return public.commanded(plain, duration, rng)
-    if kind.motion == "slow" and not kind.pushed:
-        return public.commanded(replace(plain, frequency=plain.frequency / 3), duration, rng)
+    if not kind.pushed and kind.motion in {"multisine", "slow"}:
+        pace = 1 / 3 if kind.motion == "slow" else 1.0
+        return public.commanded(replace(plain, frequency=pace * plain.frequency), duration, rng)
     t = np.linspace(0.0, duration, round(duration * 100) + 1)
-    wave = np.zeros((len(t), 6))
-    if not kind.pushed:
-        wave = (_moves if kind.motion == "moves" else _circles)(robot, t, rng)
-    return make_interp_spline(t, wave + np.concatenate([plain.center, np.zeros(3)]), k=5)
+    drawn = _held if kind.pushed else {"moves": _moves, "circles": _circles}[kind.motion]
+    pose = drawn(robot, t, rng) + np.concatenate([plain.center, np.zeros(3)])
+    return make_interp_spline(t, pose, k=5)
+
+
+def _held(_: RoughRobot, t: Array, __: np.random.Generator) -> Array:
+    """No motion of its own, shape (n, 6)."""
+    return np.zeros((len(t), 6))
+
+
+def _smooth(share: Array) -> Array:
+    """From 0 to 1 with the least jerk, as a share of the time goes from 0 to 1."""
+    s = np.clip(share, 0.0, 1.0)
+    return s**3 * (10 - 15 * s + 6 * s**2)
 
 
 def _moves(robot: RoughRobot, t: Array, rng: np.random.Generator) -> Array:
@@ -204,8 +213,7 @@ def _moves(robot: RoughRobot, t: Array, rng: np.random.Generator) -> Array:
         at += rng.uniform(0.2, 1.5)
         takes = rng.uniform(0.7, 1.5) / robot.plain.frequency
         there = 1.8 * robot.plain.reach * rng.uniform(-1, 1, 6)
-        s = np.clip((t - at) / takes, 0.0, 1.0)[:, None]
-        wave += (there - here) * s**3 * (10 - 15 * s + 6 * s**2)
+        wave += (there - here) * _smooth((t - at) / takes)[:, None]
         here, at = there, at + takes
     return wave
 
@@ -213,10 +221,10 @@ def _moves(robot: RoughRobot, t: Array, rng: np.random.Generator) -> Array:
 def _circles(robot: RoughRobot, t: Array, rng: np.random.Generator) -> Array:
     """Level circles, as of a camera or a printer, the attitude constant, shape (n, 6)."""
     angle = np.pi * robot.plain.frequency * t + rng.uniform(0, 2 * np.pi)
-    ramp = np.clip(np.minimum(t, t[-1] - t) / 2.0, 0.0, 1.0)[:, None]
+    ramp = _smooth(np.minimum(t, t[-1] - t) / 2.0)[:, None]
     wave = np.zeros((len(t), 6))
     wave[:, :2] = np.column_stack([np.cos(angle), np.sin(angle)])
-    return 1.5 * ramp**3 * (10 - 15 * ramp + 6 * ramp**2) * wave * robot.plain.reach
+    return 1.5 * ramp * wave * robot.plain.reach
 
 
 def course(

@@ -29,7 +29,6 @@ from steelyard.identification.model.segment import (
     spread,
 )
 from steelyard.inertia import TEN
-from steelyard.smoothing import DEGREE
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +57,7 @@ class PredictedInformation:
     @cached_property
     def times(self) -> Array:
         """Instants [s], shape (n,): middles of equal steps."""
-        spacing = self.segment.knots[DEGREE + 1] - self.segment.knots[DEGREE]
-        n = int(np.ceil(self.settings.instants_per_knot * self.duration / spacing))
+        n = int(np.ceil(self.settings.instants_per_knot * self.duration / self.segment.spacing))
         return (np.arange(n) + 0.5) * self.duration / n
 
     @cached_property

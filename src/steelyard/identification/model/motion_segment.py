@@ -225,6 +225,11 @@ class Segment:
         """Where its spline begins and ends [s]."""
         return float(self.knots[DEGREE]), float(self.knots[-DEGREE - 1])
 
+    @property
+    def spacing(self) -> float:
+        """Of its knots [s]."""
+        return float(self.knots[DEGREE + 1] - self.knots[DEGREE])
+
     def disturbance(self, process: Process, local: Basis, order: int = 0) -> Array:
         """One of its processes, or a derivative of it by time, in SI units, shape (n, p).
 

@@ -15,7 +15,7 @@ from steelyard.experiment.recording import Run
 from steelyard.experiment.unread import without_constant_lengths
 from steelyard.identification.recursive.arrivals import Likeness
 from steelyard.identification.recursive.events import advanced
-from steelyard.identification.recursive.following import Following, at_beginning, spacing_of
+from steelyard.identification.recursive.following import Following, at_beginning
 from steelyard.identification.recursive.parts import counted_from
 from steelyard.identification.recursive.recursion import Recursion
 from steelyard.identification.recursive.settings import RECURSIVE, RecursiveSettings
@@ -101,7 +101,7 @@ def _begun(
     ]
     if not moving:
         raise NoBalanceError("; ".join(taken.notes))
-    like = min(moving, key=lambda each: spacing_of(each.segment))
+    like = min(moving, key=lambda each: each.segment.spacing)
     recursion = Recursion.begun(task, state, own)
     names = [each.name for each in experiment.runs]
     parts = []

@@ -333,7 +333,7 @@ def at_beginning(found: Following, like: Likeness) -> Following:
         like: What its readings are like; with the motion of the beginning.
     """
     segment, own = like.segment, found.recursion.settings
-    spacing = min(spacing_of(each) for each in found.begun.fit.state.segments if not each.static)
+    spacing = min(each.spacing for each in found.begun.fit.state.segments if not each.static)
     intervals = max(1, round(own.chunk / spacing))
     first, _ = segment.span
     read_at = [float(each.time[0]) for each in segment.readings]
@@ -366,11 +366,6 @@ def _of_walk(walk: float) -> Iterator[str]:
             f"the mass walks at random by {walk:g} kg/sqrt(s), as stated: it is that at the end; what"
             " comes and goes is taken to be at the centre of gravity"
         )
-
-
-def spacing_of(segment: Segment) -> float:
-    """Of its knots [s]."""
-    return float(segment.knots[DEGREE + 1] - segment.knots[DEGREE])
 
 
 def _on_grid(segment: Segment, grid: KnotGrid) -> Array:

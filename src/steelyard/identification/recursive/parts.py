@@ -102,8 +102,7 @@ def _follows(part: SegmentEquations, before: SegmentEquations) -> bool:
     one, other = before.segment, part.segment
     if one.static or other.static or one.run != other.run:
         return False
-    spacing = float(other.knots[DEGREE + 1] - other.knots[DEGREE])
-    return abs(other.span[0] - one.span[1]) < _SAME * spacing
+    return abs(other.span[0] - one.span[1]) < _SAME * other.spacing
 
 
 def _joined(parts: Sequence[SegmentEquations]) -> SegmentEquations:

@@ -70,7 +70,7 @@ def _tilt(samples: Samples) -> Rotation:
 def resampled(segment: Segment, onto: Segment) -> Segment:
     """A segment on other knots with the motion of this one."""
     start, end = float(onto.knots[0]), float(onto.knots[-1])
-    spacing = float(onto.knots[DEGREE + 1] - onto.knots[DEGREE])
+    spacing = onto.spacing
     times = np.linspace(
         max(start, float(segment.knots[0])), min(end, float(segment.knots[-1])), 4 * len(onto.knots)
     )

@@ -18,7 +18,6 @@ from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.solve.beginning import NoBalanceError
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.solve.posterior import Posterior, Progress
-from steelyard.smoothing import DEGREE
 
 AXES = ("force x", "force y", "force z", "torque x", "torque y", "torque z")
 
@@ -145,7 +144,7 @@ def _compared(
         wrench,
         left_over,
         np.sqrt(variance / count[count > 0, None]),
-        float(segment.knots[DEGREE + 1] - segment.knots[DEGREE]),
+        segment.spacing,
     )
 
 

@@ -6,9 +6,10 @@ readings, since ``exp(-s T) (1 + s T) = 1 - (s T)^2 / 2 + (s T)^3 / 3 - ...``.
 
 The closer the samples are by which a change is looked at, the faster are the changes that are seen (a
 cable that goes slack or comes taut within some hundredths of a second), and the more noise is seen
-with them. The readings are corrected by changes over as short a time as their noise allows, and taken as noisy as they are then: else no filter at all would fit best where it
-explains little. Derivatives by the time constant are those over the longest; that their noise meets that
-of the readings is taken off.
+with them. The readings are corrected by changes over as short a time as their noise allows, and taken
+as noisy as they are then: else no filter at all would fit best where it explains little. Derivatives
+by the time constant are those over the longest; that their noise meets that of the readings is taken
+off.
 """
 
 from __future__ import annotations

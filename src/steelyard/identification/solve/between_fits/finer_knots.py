@@ -4,11 +4,12 @@ forces resolve more of the motion than its own instruments ask for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.samples.segmentation import recorded
@@ -25,7 +26,6 @@ from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.newton_step import step_of
 from steelyard.identification.solve.noise_levels import ratios_of, spent_by
 from steelyard.identification.solve.stated_processes import with_stated
-from steelyard.smoothing import DEGREE
 
 _KNOTS = 5.0
 """In a period of what vibrates; two are the least that follow it at all."""
@@ -71,8 +71,7 @@ def vibrations_of(readings: Readings, fitted: Fitted) -> dict[str, FinerKnots]:
     for segment, at in zip(state.segments, fitted.balances, strict=True):
         if segment.static:
             continue
-        spacing = float(segment.knots[DEGREE + 1] - segment.knots[DEGREE])
-        if finest[segment.run] >= settings.much_finer * spacing:
+        if finest[segment.run] >= settings.much_finer * segment.spacing:
             continue
         mass = float(state.parameters[0])
         own = coherence(readings.experiment, segment, at, state.calibration, mass, settings)
@@ -84,11 +83,7 @@ def vibrations_of(readings: Readings, fitted: Fitted) -> dict[str, FinerKnots]:
 
 def follows(state: FitState, frequency: float) -> bool:
     """Whether the knots of all motions follow a frequency [Hz]."""
-    return all(
-        segment.static
-        or float(segment.knots[DEGREE + 1] - segment.knots[DEGREE]) * _KNOTS * frequency < 1
-        for segment in state.segments
-    )
+    return all(each.static or each.spacing < _spacing_for(frequency) for each in state.segments)
 
 
 def unfollowed(readings: Readings, found: Fitted, frequency: float) -> dict[str, FinerKnots]:
@@ -99,36 +94,52 @@ def unfollowed(readings: Readings, found: Fitted, frequency: float) -> dict[str,
         found: A fit.
         frequency: That vibrates [Hz]; 0: nothing does.
     """
-    settings, experiment = readings.settings, readings.experiment
-    closest = {segment.run: each.closest for each in readings.records for segment in each.segments}
-    coarse = {}
-    for segment, forces in zip(found.fit.state.segments, found.force_samples, strict=True):
-        if segment.static or not frequency:
-            continue
-        spacing = float(segment.knots[DEGREE + 1] - segment.knots[DEGREE])
-        finer = max(closest[segment.run], 1 / (_KNOTS * frequency))
-        if finer < settings.much_finer * spacing:
-            coarse[segment.run] = FinerKnots(finer, clock_of(experiment, forces.name), 0.0)
-    return coarse
+    if not frequency:
+        return {}
+    return _on_closer(readings, found, lambda _, __: _spacing_for(frequency))
 
 
 def coarse_runs(readings: Readings, found: Fitted) -> dict[str, FinerKnots]:
     """Runs whose forces scatter more than their stated noise does and whose instruments resolve
     finer knots, with knots half as far apart.
     """
-    settings, experiment = readings.settings, readings.experiment
     if not found.fit.converged:
         return {}
+    return _on_closer(
+        readings,
+        found,
+        lambda segment, forces: (
+            segment.spacing / 2 if _larger_noise(found, forces.name) else segment.spacing
+        ),
+    )
+
+
+def _spacing_for(frequency: float) -> float:
+    """Of knots that follow a frequency [Hz], [s]."""
+    return 1 / (_KNOTS * frequency)
+
+
+def _on_closer(
+    readings: Readings, found: Fitted, wanted: Callable[[Segment, Forces], float]
+) -> dict[str, FinerKnots]:
+    """Runs with knots as close as is wanted, where that is worth a fit and the instruments of the
+    motion resolve it.
+
+    Args:
+        readings: Of the experiment.
+        found: A fit.
+        wanted: Spacing of the knots for a segment and its forces [s].
+    """
     closest = {segment.run: each.closest for each in readings.records for segment in each.segments}
-    coarse = {}
+    closer = {}
     for segment, forces in zip(found.fit.state.segments, found.force_samples, strict=True):
-        if segment.static or not _larger_noise(found, forces.name):
+        if segment.static:
             continue
-        spacing = float(segment.knots[DEGREE + 1] - segment.knots[DEGREE])
-        if closest[segment.run] < settings.much_finer * spacing:
-            finer = max(closest[segment.run], spacing / 2)
-            coarse[segment.run] = FinerKnots(finer, clock_of(experiment, forces.name), 0.0)
-    return coarse
+        spacing = max(closest[segment.run], wanted(segment, forces))
+        if spacing < readings.settings.much_finer * segment.spacing:
+            clock = clock_of(readings.experiment, forces.name)
+            closer[segment.run] = FinerKnots(spacing, clock, 0.0)
+    return closer
 
 
 def _larger_noise(found: Fitted, name: str) -> bool:
