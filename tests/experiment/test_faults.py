@@ -16,6 +16,7 @@ from steelyard.experiment.faults.stuck import (
     stuck_alone,
     without_stuck,
 )
+from steelyard.experiment.faults.words import left_out_in_words
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.recording import Stream
 from steelyard.instruments import Command, Imu, Position, Tension
@@ -118,6 +119,42 @@ class TestStuck:
         values[601:640] = values[600]
         np.testing.assert_array_equal(stuck_alone(values), expected)
         assert not stuck_alone(values, StuckSettings(chance=1e-300)).any()
+
+    def test_a_channel_that_has_never_worked_is_found_beside_noisy_ones(self, rng):
+        values = noisy(rng)
+        values[:, 1] = 0.3
+        np.testing.assert_array_equal(stuck_alone(values).all(axis=0), [False, True, False])
+        # A winch may stand still, and without noise an axis that never moves is none.
+        assert not stuck_alone(values, may_rest=True).any()
+        assert not stuck_alone(np.column_stack([SMOOTH[:, :2], np.ones(len(SMOOTH))])).any()
+
+    def test_a_channel_that_dies_early_is_found_beside_noisy_ones(self, rng):
+        values = noisy(rng)
+        values[301:, 1] = values[300, 1]
+        assert np.flatnonzero(stuck_alone(values)[:, 1]).tolist() == list(range(301, len(values)))
+
+    def test_a_dead_axis_takes_its_vector_with_it_and_a_dead_cell_only_itself(self, rng):
+        values, other = noisy(rng), noisy(rng)
+        values[:, 1] = 0.3
+        streams = {
+            "cables": Stream(TIME, {"tension": values}, "cables"),
+            "imu": Stream(TIME, {"angular_velocity": values, "specific_force": other}, "imu"),
+            "tracker": Stream(TIME, {"position": values}, "tracker"),
+        }
+        instruments = {
+            "cables": Tension(kind="tension"),
+            "imu": Imu(kind="imu"),
+            "tracker": Position(kind="position"),
+        }
+        kept, faults = without_stuck(streams, instruments)
+        assert [(f.kind, f.instrument, f.channel, f.count) for f in faults] == [
+            ("dead", "cables", "tension 2", len(TIME)),
+            ("dead", "imu", "angular_velocity 2", len(TIME)),
+            ("dead", "tracker", "position 2", len(TIME)),
+        ]
+        assert np.isfinite(kept["cables"].values["tension"]).all(axis=0).tolist() == [1, 0, 1]
+        assert list(kept["imu"].values) == ["specific_force"]
+        assert "reads the same in all" in left_out_in_words("a", faults[0])
 
     def test_what_stops_is_taken_out_of_a_run_and_kept_in_mind(self, rng):
         values = noisy(rng)

@@ -42,18 +42,19 @@ def of_times(experiment: Experiment, run: Run, settings: RemarkSettings = REMARK
 
 
 def constant_channels(experiment: Experiment) -> Iterator[str]:
-    """Channels that never change while others of their instrument do."""
+    """Channels that never change while others of their instrument do; those beside others that read
+    noise have been left out already, and are named among the faults.
+    """
     for run in experiment.runs:
         for name, stream in run.streams.items():
-            if experiment.instruments[name].commanded:
+            if experiment.instruments[name].commanded or experiment.instruments[name].may_rest:
                 continue
             spread: dict[str, dict[str, float]] = {}
             for label, quantity, i, values in channels(stream):
                 if i is not None:
                     known = values[~np.isnan(values)]
-                    spread.setdefault(quantity, {})[label] = (
-                        float(np.ptp(known)) if len(known) else 0.0
-                    )
+                    if len(known):
+                        spread.setdefault(quantity, {})[label] = float(np.ptp(known))
             for of_quantity in spread.values():
                 constant = [label for label, extent in of_quantity.items() if extent == 0]
                 if len(constant) == 1 and len(of_quantity) > 1:

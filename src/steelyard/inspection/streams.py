@@ -28,7 +28,7 @@ class QuantityReport:
     name: str
     unit: str
     smallest: Array
-    """Of every column; of rotations of the matrix, shape (k,)."""
+    """Of every column; of rotations of the matrix, NaN where there is no reading, shape (k,)."""
     largest: Array
     noise_at_rest: float | None
     """1-sigma of a sample about its neighbours, root mean square over the columns; None: the
@@ -127,11 +127,12 @@ def _quantity(
     values = stream.values[quantity.name]
     flat = values.reshape(len(values), -1)
     there = np.isfinite(flat)
-    filled = np.where(there, flat, np.nanmean(flat, axis=0) if there.any(axis=0).all() else 0.0)
+    read = there.any(axis=0)
     at_rest, moving = None, None
     frequency, density = np.zeros(0), np.zeros(0)
     if rest is not None:
-        few, resting = flat[: settings.most], rest[: settings.most]
+        # A channel without a single reading has no noise, and takes none from the others.
+        few, resting = flat[: settings.most, read], rest[: settings.most]
         # Nine elements of a rotation matrix scatter by sqrt(6 / 9) of the rotation vector.
         scale = float(np.sqrt(1.5)) if quantity.rotation else 1.0
         at_rest, moving = (_scatter(few, rows, scale, settings) for rows in (resting, ~resting))
@@ -139,8 +140,8 @@ def _quantity(
     return QuantityReport(
         name=quantity.name,
         unit=quantity.unit,
-        smallest=filled.min(axis=0),
-        largest=filled.max(axis=0),
+        smallest=np.where(read, np.where(there, flat, np.inf).min(axis=0), np.nan),
+        largest=np.where(read, np.where(there, flat, -np.inf).max(axis=0), np.nan),
         noise_at_rest=at_rest,
         noise_in_motion=moving,
         stated=quantity.noise,
@@ -158,7 +159,8 @@ def white_noise(stream: Stream, quantity: str, settings: StreamSettings = STREAM
         quantity: Of its readings.
         settings: How many samples are looked at, and what is white.
     """
-    third = np.diff(stream.values[quantity][: settings.most], 3, axis=0)
+    values = stream.values[quantity][: settings.most]
+    third = np.diff(values[:, np.isfinite(values).any(axis=0)], 3, axis=0)
     third = third[np.isfinite(third).all(axis=1)]
     if len(third) < settings.fewest:
         return None
@@ -266,8 +268,8 @@ def as_dict(report: StreamReport) -> Mapping[str, object]:
         "quantities": {
             q.name: {
                 "unit": q.unit,
-                "smallest": q.smallest.tolist(),
-                "largest": q.largest.tolist(),
+                "smallest": _or_null(q.smallest),
+                "largest": _or_null(q.largest),
                 "noise_at_rest": q.noise_at_rest,
                 "noise_in_motion": q.noise_in_motion,
                 "stated_noise": q.stated,
@@ -275,3 +277,7 @@ def as_dict(report: StreamReport) -> Mapping[str, object]:
             for q in report.quantities
         },
     }
+
+
+def _or_null(values: Array) -> list[float | None]:
+    return [float(each) if np.isfinite(each) else None for each in values]

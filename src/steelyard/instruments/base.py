@@ -275,6 +275,9 @@ class Instrument(FileModel, ABC):
     """Field of :class:`steelyard.motion.state.State` that a force instrument reads."""
     per_cable: ClassVar[bool] = False
     """Whether it has a reading for every cable."""
+    may_rest: ClassVar[bool] = False
+    """Whether one channel may rightly read the same all along while others change: the encoder of a
+    winch that stands still."""
     tabular: ClassVar[bool] = False
     """Whether its rows are observations without a time, each about a pose of its own."""
 

@@ -51,6 +51,7 @@ class Length(Instrument):
     """
 
     per_cable: ClassVar[bool] = True
+    may_rest: ClassVar[bool] = True
 
     kind: Literal["length"]
     noise: Noise | None = None

@@ -18,6 +18,7 @@ class Fault:
         "doubled",
         "spike",
         "stuck",
+        "dead",
         "clipped",
         "held",
         "missing",

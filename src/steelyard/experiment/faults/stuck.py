@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +47,11 @@ class StuckSettings:
     edge: int = 2
     """Steps before and after a stretch that are those of a channel in motion."""
     most: float = 0.5
-    """Share of a channel beyond which it has not stopped but never worked; that is not ours to
-    leave out."""
+    """Share of a channel beyond which more is needed to call it stopped than itself: other channels
+    of its instrument that read noise, where it reads none."""
+    fewest: int = 100
+    """Samples from which on a channel that never changes has never worked, beside others that read
+    noise."""
 
 
 STUCK = StuckSettings()
@@ -65,15 +69,26 @@ def repeats(values: Array) -> list[tuple[int, int]]:
     return [(first, last) for first, last in stretches(same) if last - first >= FEWEST_REPEATS]
 
 
+@dataclass(frozen=True, eq=False)
+class Fellows:
+    """The other channels of an instrument, beside one."""
+
+    moving: Array
+    """Share of them that move as they usually do, shape (n,)."""
+    noisy: bool
+    """Whether most of them read noise from sample to sample, so that one that reads the same all the
+    time is no reading."""
+
+
 def stuck(
-    values: Array, fellows: Array | None = None, settings: StuckSettings = STUCK
+    values: Array, fellows: Fellows | None = None, settings: StuckSettings = STUCK
 ) -> NDArray[np.bool_]:
-    """Readings of a channel that has stopped, but for the first of them, which was still one.
+    """Readings of a channel that has stopped, but for the first of them, which was still one; all of
+    a channel that has never worked.
 
     Args:
         values: Of one channel, shape (n, k); NaN where there is none.
-        fellows: Share of the other channels of its instrument that move as they usually do, shape
-            (n,); None: there are none.
+        fellows: The other channels of its instrument; None: there are none.
         settings: Levels of the decision.
 
     Returns:
@@ -83,6 +98,9 @@ def stuck(
     long = repeats(values)
     if not long:
         return mask
+    among_noisy = fellows is not None and fellows.noisy
+    if long == [(1, len(values))]:
+        return np.full(len(values), among_noisy and len(values) >= settings.fewest)
     channel = _Channel.of(values, settings)
     inside = sum(last - first for first, last in long)
     # How often it repeats itself where it is not in question.
@@ -91,25 +109,28 @@ def stuck(
         by_chance = len(values) * usual ** (last - first) >= settings.chance
         if not by_chance and (
             channel.should_have_changed(first, last)
-            or (fellows is not None and channel.is_alone(first, last, fellows))
+            or (fellows is not None and channel.is_alone(first, last, fellows.moving))
         ):
             mask[first:last] = True
-    return mask if mask.mean() < settings.most else np.zeros_like(mask)
+    return mask if among_noisy or mask.mean() < settings.most else np.zeros_like(mask)
 
 
-def stuck_alone(values: Array, settings: StuckSettings = STUCK) -> NDArray[np.bool_]:
+def stuck_alone(
+    values: Array, settings: StuckSettings = STUCK, *, may_rest: bool = False
+) -> NDArray[np.bool_]:
     """Readings of channels that have stopped while others of their instrument go on.
 
     Args:
         values: Of all channels of an instrument, shape (n, k), k at least 2; NaN where there is
             none.
         settings: Levels of the decision.
+        may_rest: As for :func:`fellows_of`.
 
     Returns:
         Shape (n, k).
     """
-    shares = moving_share(values)
-    each = [stuck(values[:, [i]], shares[:, i], settings) for i in range(values.shape[1])]
+    beside = fellows_of(values, settings, may_rest=may_rest)
+    each = [stuck(values[:, [i]], beside[i], settings) for i in range(values.shape[1])]
     mask = np.column_stack(each)
     mask[mask.all(axis=1)] = False
     return mask
@@ -163,16 +184,9 @@ class _Channel:
         return bool(step[last] > self.settings.jump * usual)
 
     def _is_noisy(self, part: slice) -> bool:
-        """Whether neighbouring samples of a part differ by noise rather than by motion; few say
-        nothing against it.
-        """
+        """Whether a part reads noise; few samples say nothing against it."""
         values = self.values[part]
-        if len(values) < FEWEST_REPEATS:
-            return True
-        second = np.linalg.norm(np.diff(values, 2, axis=0), axis=1)
-        third = np.linalg.norm(np.diff(values, 3, axis=0), axis=1)
-        scale = float(np.nanmedian(second))
-        return scale > 0 and float(np.nanmedian(third)) > self.settings.rough * scale
+        return len(values) < FEWEST_REPEATS or _is_noise(values, self.settings)
 
     def is_alone(self, first: int, last: int, fellows: Array) -> bool:
         """Whether the channel stops and goes on in full motion, while the others of its instrument,
@@ -192,11 +206,25 @@ class _Channel:
         )
 
 
-def moving_share(values: Array) -> Array:
-    """Share of the other channels that move as they usually do, for every channel, shape (n, k).
+def _is_noise(values: Array, settings: StuckSettings) -> bool:
+    """Whether neighbouring samples, shape (n, k), differ by noise rather than by motion."""
+    second = np.linalg.norm(np.diff(values, 2, axis=0), axis=1)
+    third = np.linalg.norm(np.diff(values, 3, axis=0), axis=1)
+    if not (np.isfinite(second).any() and np.isfinite(third).any()):
+        return False
+    scale = float(np.nanmedian(second))
+    return scale > 0 and float(np.nanmedian(third)) > settings.rough * scale
+
+
+def fellows_of(
+    values: Array, settings: StuckSettings = STUCK, *, may_rest: bool = False
+) -> list[Fellows]:
+    """The other channels beside every one of an instrument.
 
     Args:
-        values: Of all channels of an instrument, shape (n, k), k at least 2.
+        values: Of all its channels, shape (n, k), k at least 2; NaN where there is none.
+        settings: Levels of the decision.
+        may_rest: Whether one may rightly stand still while others move and read noise.
     """
     step = np.zeros(values.shape)
     step[1:] = np.abs(np.diff(values, axis=0))
@@ -206,7 +234,17 @@ def moving_share(values: Array) -> Array:
             typical[i] = np.median(steps[steps > 0])
     moves = step > SLOW * typical
     others = moves.sum(axis=1, keepdims=True) - moves
-    return np.asarray(others / (values.shape[1] - 1))
+    shares = others / (values.shape[1] - 1)
+    noisy = np.array(
+        [
+            not may_rest
+            and float(np.mean(step[1:, i] == 0)) < settings.rare
+            and _is_noise(values[:, [i]], settings)
+            for i in range(values.shape[1])
+        ]
+    )
+    most = (noisy.sum() - noisy) > 0.5 * (values.shape[1] - 1)
+    return [Fellows(shares[:, i], bool(most[i])) for i in range(values.shape[1])]
 
 
 def without_stuck(
@@ -227,34 +265,43 @@ def without_stuck(
         if instruments[name].commanded or len(stream) < 2 * FEWEST_REPEATS:
             continue
         values = dict(stream.values)
-        for label, quantity, component, mask in _stopped(stream, settings):
-            left = values[quantity].copy()
-            left[mask if component is None else (mask, component)] = np.nan
-            values[quantity] = left
+        may_rest = instruments[name].may_rest
+        for label, quantity, component, mask in _stopped(stream, settings, may_rest):
+            if quantity not in values:
+                continue
+            if mask.all() and not instruments[name].per_cable and len(values) > 1:
+                # A vector is told by all of its components or not at all.
+                del values[quantity]
+            else:
+                left = values[quantity].copy()
+                left[mask if component is None else (mask, component)] = np.nan
+                values[quantity] = left
+            kind: Literal["stuck", "dead"] = "dead" if mask.all() else "stuck"
             for first, last in stretches(mask):
                 start, end = float(stream.time[first]), float(stream.time[last - 1])
-                faults.append(Fault("stuck", name, label, start, end, last - first))
+                faults.append(Fault(kind, name, label, start, end, last - first))
             kept[name] = replace(stream, values=values)
     return kept, tuple(faults)
 
 
 def _stopped(
-    stream: Stream, settings: StuckSettings
+    stream: Stream, settings: StuckSettings, may_rest: bool
 ) -> Iterator[tuple[str, str, int | None, NDArray[np.bool_]]]:
     """Channels of a stream that have stopped: name, quantity, component, and readings to take out,
     shape (n,).
     """
-    shares = {
-        quantity: moving_share(values)
+    beside = {
+        quantity: fellows_of(values, settings, may_rest=may_rest)
         for quantity, values in stream.values.items()
         if values.ndim == 2 and values.shape[1] > 1
     }
     for label, quantity, component, values in channels(stream):
-        has_fellows = component is not None and quantity in shares
-        mask = stuck(values, shares[quantity][:, component] if has_fellows else None, settings)
-        if component is not None and mask.any():
+        others = beside.get(quantity)
+        fellows = None if component is None or others is None else others[component]
+        mask = stuck(values, fellows, settings)
+        if component is not None and mask.any() and not mask.all():
             # Readings at the end of a range stand still too, and have a name of their own.
             mask &= ~clipped(values[:, 0])
         nothing_left = np.all(mask | ~np.isfinite(values).all(axis=1))
-        if mask.any() and not nothing_left:
+        if mask.any() and (fellows is not None or not nothing_left):
             yield label, quantity, component, mask

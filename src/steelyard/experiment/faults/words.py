@@ -32,6 +32,11 @@ def left_out_in_words(run: str, fault: Fault) -> str:
             f" before and after them, {when} on its clock: left out; look for a damaged file or a"
             " loose contact"
         )
+    if fault.kind == "dead":
+        return (
+            f"run '{run}': {fault.channel.replace('_', ' ')} of {name} reads the same in all {count}"
+            " samples while its other channels read noise: left out; repair the sensor or its cable"
+        )
     channel = f" of {fault.channel}" if fault.channel else ""
     return (
         f"run '{run}': {name}{channel} repeats its reading {when} on its clock while others move"

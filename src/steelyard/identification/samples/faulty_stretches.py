@@ -22,7 +22,7 @@ def without_stuck(experiment: Experiment, run: Run) -> tuple[Run, list[str]]:
         for quantity, each in stream.values.items():
             if each.ndim != 2 or each.shape[1] < 2 or len(each) < 2 * FEWEST_REPEATS:
                 continue
-            mask = stuck_alone(each)
+            mask = stuck_alone(each, may_rest=experiment.instruments[name].may_rest)
             for channel in np.flatnonzero(mask.any(axis=0)):
                 own = np.flatnonzero(mask[:, channel])
                 time = experiment.common_time(run, name)[own]

@@ -376,6 +376,14 @@ def samples_of(
         valid &= (time >= start - settings.margin) & (time <= end + settings.margin)
     time, values = time[valid], values[valid]
     if len(time) < 2:
+        for fault in task.run.excluded:
+            if fault.kind == "dead" and fault.instrument == name:
+                raise InputError(
+                    f"{stream.source}: expected readings of {name} that change, found the same"
+                    f" {fault.channel.replace('_', ' ')} in all {fault.count} samples while its other"
+                    " channels read noise; repair the sensor, or take the instrument out of the"
+                    " experiment"
+                )
         raise InputError(
             f"{stream.source}: expected at least 2 complete samples of"
             f" {quantity.replace('_', ' ')}, found {len(time)}; fill the empty cells"

@@ -26,6 +26,7 @@ _WORDS = {
     "doubled": "samples written twice, left out",
     "spike": "readings that stand alone, left out",
     "stuck": "stuck, left out",
+    "dead": "never changes, left out",
     "clipped": "at the end of its range",
     "held": "readings written again before the next one, left out",
     "missing": "empty cells",
@@ -67,7 +68,7 @@ def _streams(found: Inspection) -> Grid:
             counts = (t.dropped, t.late, t.repeated, len(t.gaps))
             timing = (figures(t.rate, 4), milliseconds(t.jitter), *map(_count, counts))
         faults = sum(
-            f.kind in {"doubled", "spike", "stuck", "clipped", "held"} for f in each.faults
+            f.kind in {"doubled", "spike", "stuck", "dead", "clipped", "held"} for f in each.faults
         )
         first = (each.run, each.instrument, str(each.samples))
         rows.append((*first, *timing, _count(faults)))
