@@ -218,6 +218,11 @@ class Choice:
 
 TIME_CONSTANT = "time_constant"
 """Key of the time constant of a force amplifier's filter: how far forces lag behind the motion."""
+LATENCY = "latency"
+"""Key of how late an instrument reads what the clock says that it shares with others: a filter of
+its own, a radio link."""
+LATE = 0.05
+"""1-sigma of that time where the readings ask for one [s]."""
 _FILTERED = 0.03
 """1-sigma of the time constant of amplifiers that filter visibly [s]: 5 Hz and more."""
 

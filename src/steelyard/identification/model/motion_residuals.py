@@ -36,7 +36,7 @@ from steelyard.identification.model.segment import (
 )
 from steelyard.identification.model.sources import Source
 from steelyard.identification.tally import Tally, robust_weight
-from steelyard.instruments.base import TIME_CONSTANT
+from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 from steelyard.instruments.equations import linearised, without_effect
 
 AT_ONCE = 16384
@@ -122,9 +122,10 @@ def time_of(
     filtered = places.get(
         (name, TIME_CONSTANT, segment.run), places.get((name, TIME_CONSTANT, None))
     )
-    if filtered is not None:
-        # A filtered force says what was a while ago.
-        delay = delay + calibration.values[filtered]
+    # A filtered force says what was a while ago, and so does what comes over a slow link.
+    for place in (filtered, places.get((name, LATENCY, None))):
+        if place is not None:
+            delay = delay + calibration.values[place]
     return time - delay[0], clock, origin
 
 
@@ -353,16 +354,24 @@ def _of_reading(
             border.put(place, linear["by_errors"][:, :, column : column + size])
             column += size
     own = clock_of(experiment, name)
-    if not segment.static and (reference := references.get(own, own)) != own:
-        clock, origin = (
-            calibration_parameters.place(each, "delay", segment.run) for each in (own, reference)
-        )
+    reference = references.get(own, own)
+    latency = calibration_parameters.places.get((name, LATENCY, None))
+    if latency is not None and not has_column(column_of, latency):
+        latency = None
+    if not segment.static and (reference != own or latency is not None):
         # A later clock looks at an earlier instant of the motion.
         by_delay = -rate_along(by, motion)
         by_delay = by_delay - segment.disturbance_of(reading.source, local, 1)
         by_delay = by_delay[:, :, None]
-        border.put(clock, by_delay)
-        border.put(origin, -by_delay)
+        if reference != own:
+            clock, origin = (
+                calibration_parameters.place(each, "delay", segment.run)
+                for each in (own, reference)
+            )
+            border.put(clock, by_delay)
+            border.put(origin, -by_delay)
+        if latency is not None:
+            border.put(latency, by_delay)
     for key, place in beside.items():
         if (asked is None or key in asked) and f"by_{key}" not in nothing:
             border.put(place, linear[f"by_{key}"])

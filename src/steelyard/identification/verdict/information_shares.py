@@ -10,7 +10,7 @@ from steelyard.identification.known_body import plausible
 from steelyard.identification.model.calibration_parameters import ROBOT, CalibrationParameter
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import TEN, body_jacobian
-from steelyard.instruments.base import TIME_CONSTANT
+from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 from steelyard.natural_frequencies.information import frequency_information
 from steelyard.robot.covariance import POINTS
 
@@ -103,7 +103,7 @@ _WEIGHED = "gains, offsets and gravity after dead weights"
 _GEOMETRY = frozenset(POINTS)
 _OF_ROLLERS = frozenset({"friction", "presliding", "presliding_start", "viscous"})
 _OF_GAINS = frozenset({"gain", "common_gain", "crosstalk"})
-_OF_CLOCKS = frozenset({"delay", TIME_CONSTANT})
+_OF_CLOCKS = frozenset({"delay", LATENCY, TIME_CONSTANT})
 
 
 def _group(posterior: Posterior, entry: CalibrationParameter) -> str:

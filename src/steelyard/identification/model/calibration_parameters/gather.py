@@ -17,6 +17,7 @@ from steelyard.identification.model.calibration_parameters.of_instruments import
     before_weighing,
     errors_of_clocks,
     errors_of_instruments,
+    errors_within_clocks,
 )
 from steelyard.identification.model.calibration_parameters.surroundings import surroundings
 from steelyard.identification.model.calibration_parameters.vector import (
@@ -37,6 +38,7 @@ def gather(experiment: Experiment) -> CalibrationParameters:
     entries = (
         *errors_of_instruments(experiment),
         *errors_of_clocks(experiment),
+        *errors_within_clocks(experiment),
         *_of_robot(experiment),
         *surroundings(experiment),
         *further_loads(experiment),

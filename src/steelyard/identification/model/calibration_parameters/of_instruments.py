@@ -11,7 +11,7 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters.vector import CalibrationParameter, Key
 from steelyard.instruments import Instrument
-from steelyard.instruments.base import TIME_CONSTANT, Term
+from steelyard.instruments.base import LATE, LATENCY, TIME_CONSTANT, Term
 from steelyard.instruments.length import CABLE_DAMPING, DAMPED, STRETCH
 from steelyard.instruments.unread_cables import UnreadCables
 
@@ -81,6 +81,19 @@ def errors_of_clocks(experiment: Experiment) -> Iterator[CalibrationParameter]:
         yield from clocks.values()
 
 
+def errors_within_clocks(experiment: Experiment) -> Iterator[CalibrationParameter]:
+    """How late instruments read what a clock says that they share with others; none of them is,
+    unless the readings ask for it.
+    """
+    moving = [run for run in experiment.runs if not run.static]
+    for name in dict.fromkeys(name for run in moving for name in run.streams):
+        instrument = experiment.instruments[name]
+        measures = instrument.is_measurement and not instrument.stands_in(experiment.robot.m)
+        if measures and _shares(experiment, name):
+            none = np.zeros(1)
+            yield CalibrationParameter(name, LATENCY, None, "s", none, none, LATE)
+
+
 def _beforehand(experiment: Experiment, name: str, term: Term) -> Array:
     """1-sigma of an error before anything is fitted, shape (k,)."""
     if term.key == STRETCH and _may_stretch(experiment, experiment.instruments[name]):
@@ -94,8 +107,13 @@ def _is_of_clock(experiment: Experiment, name: str, term: Term) -> bool:
     """Whether it is a time constant that nothing tells from an error of the clock, since no motion
     is read by it.
     """
+    return term.key == TIME_CONSTANT and not _shares(experiment, name)
+
+
+def _shares(experiment: Experiment, name: str) -> bool:
+    """Whether another instrument that measures reads the clock of this one."""
     clock = clock_of(experiment, name)
-    return term.key == TIME_CONSTANT and not any(
+    return any(
         clock_of(experiment, other) == clock
         for run in experiment.runs
         for other in run.streams

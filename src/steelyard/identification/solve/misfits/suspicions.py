@@ -29,6 +29,7 @@ from steelyard.identification.model.calibration_parameters import (
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise, smooth
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.newton_step import step_of
+from steelyard.instruments.base import LATENCY
 
 _SURE = 3.0
 """1-sigma by which a stiffness, an area or a time constant must not be negative."""
@@ -221,6 +222,8 @@ def _is_positive(task: Task, asked: Key) -> bool:
     owner, key, _ = asked
     if owner not in task.experiment.instruments:
         return False
+    if key == LATENCY:
+        return True
     terms = task.experiment.instruments[owner].terms(task.calibration_parameters.m)
     return any(each.key == key and each.positive for each in terms)
 
