@@ -85,6 +85,32 @@ def _stuck(table: Array, rng: np.random.Generator) -> Array:
     return found
 
 
+def _dead(table: Array, rng: np.random.Generator) -> Array:
+    """One channel that has never worked."""
+    found, channel = table.copy(), rng.integers(1, table.shape[1])
+    found[:, channel] = 0.01 * _pull(table)
+    return found
+
+
+def _dead_rate(table: Array, rng: np.random.Generator) -> Array:
+    """An axis of a gyro that has never worked."""
+    found = table.copy()
+    found[:, rng.integers(1, 4)] = 0.0
+    return found
+
+
+def _dying(table: Array, rng: np.random.Generator) -> Array:
+    """One channel that reads the same from a third of the recording on."""
+    found, first, channel = table.copy(), len(table) // 3, rng.integers(1, table.shape[1])
+    found[first:, channel] = found[first, channel]
+    return found
+
+
+def _late(table: Array, _: np.random.Generator) -> Array:
+    """Readings that come 30 ms late."""
+    return np.column_stack([table[:, 0] + 0.03, table[:, 1:]])
+
+
 def _lost(table: Array, rng: np.random.Generator) -> Array:
     """Nothing for three seconds."""
     time, start = table[:, 0] - table[0, 0], rng.uniform(4, 12)
@@ -126,6 +152,11 @@ CHANGES: dict[str, tuple[tuple[str, Change], ...]] = {
     "forces at a quarter": (("cables", _held),),
     "forces hum": (("cables", _humming),),
     "one force stuck": (("cables", _stuck),),
+    "one force dead": (("cables", _dead),),
+    "one force dies": (("cables", _dying),),
+    "forces late": (("cables", _late),),
+    "gyro axis dead": (("imu", _dead_rate),),
+    "IMU late": (("imu", _late),),
     "IMU with spikes": (("imu", _spiked(0.002, 5.0, 6)),),
     "IMU at a quarter": (("imu", _held),),
     "IMU shaken": (("imu", _shaken),),

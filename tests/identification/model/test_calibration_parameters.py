@@ -15,6 +15,7 @@ from steelyard.identification.model.calibration_parameters import (
     gather,
 )
 from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension, Wrench
+from steelyard.instruments.base import LATENCY
 from steelyard.robot.model import Robot
 
 M = 4
@@ -143,6 +144,17 @@ def test_a_filter_is_asked_for_where_a_motion_is_read_by_the_same_clock():
 
     assert found("recorder").suspected is not None
     assert found("another").suspected is None
+
+
+def test_who_shares_a_clock_may_be_late_unless_the_delay_is_stated():
+    def late(**keys):
+        keys = {"cables": {"clock": "recorder"}, "imu": {"clock": "recorder", **keys}}
+        entries = gather(experiment(keys)).entries
+        return {each.owner for each in entries if each.key == LATENCY and each.is_absent}
+
+    assert late() == {"cables", "imu"}
+    assert late(calibration={"delay": 0.0}) == {"cables"}
+    assert late(clock="another") == set()
 
 
 def test_errors_of_poor_devices_are_none_until_they_are_asked_for(everything):

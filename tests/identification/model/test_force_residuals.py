@@ -43,7 +43,7 @@ from steelyard.identification.model.processes import Process, integrals_of, name
 from steelyard.identification.model.segment import POSE, spread
 from steelyard.identification.tally import Tally, limit
 from steelyard.instruments import Attitude, Tension, Wrench
-from steelyard.instruments.base import TIME_CONSTANT
+from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 from steelyard.instruments.tension import PRESLIDING, PRESLIDING_START
 from steelyard.robot.file import read_robot
 from steelyard.robot.model import Robot
@@ -107,12 +107,14 @@ class Case:
         drifting=False,
         hoses=(),
         filtered=False,
+        shared=False,
         seed=7,
     ):
         rng = np.random.default_rng(seed)
         instrument = FORCES[force]
         self.robot = robot or (POINTS if instrument.kind == "tension" else BARE)
-        suite = {"forces": instrument, "attitude": ATTITUDE}
+        attitude = ATTITUDE.model_copy(update={"clock": instrument.clock}) if shared else ATTITUDE
+        suite = {"forces": instrument, "attitude": attitude}
         streams = {name: Stream(np.arange(3.0), {}, name) for name in suite}
         sync = dict.fromkeys(suite, 0.0)
         self.experiment = Experiment(
@@ -285,6 +287,7 @@ CASES = {
         "drifting": True,
         "disturbed": True,
     },
+    "late by the clock that they share": {"force": "platform end", "shared": True},
     "drifting wrench": {"force": "wrench", "drifting": True},
     "held by two hoses that are stated": {"force": "platform end", "hoses": HOSES},
     "a wrench sensor with a hose": {"force": "wrench", "hoses": HOSES[:1]},
@@ -364,7 +367,9 @@ def test_derivatives_by_every_systematic_error_are_those_of_differences(case):
         if term.key != TIME_CONSTANT or not found.segment.static
     }
     clocks = set()
-    if not found.segment.static and found.segment.reference is None:
+    if ("forces", LATENCY, None) in found.calibration_parameters.places:
+        clocks |= {("forces", LATENCY)}
+    elif not found.segment.static and found.segment.reference is None:
         clocks |= {("recorder", "delay"), ("attitude", "delay")}
     fixed = set()
     if found.robot.m:

@@ -21,7 +21,7 @@ from steelyard.identification.solve.normal_equations import BorderEquations, Sol
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import TEN, body_jacobian
-from steelyard.instruments.base import TIME_CONSTANT
+from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 from steelyard.instruments.length import CABLE_DAMPING
 from steelyard.instruments.unread_cables import COMPLIANCE
 
@@ -285,6 +285,7 @@ def _proposal(owner: str, key: str) -> str:
             f"check 'sync' and 'clock' of {owner} against those of the motion instruments, or state"
             f" the time constant of its amplifier's filter under {where}"
         ),
+        LATENCY: f"check which clock stamps {owner}; give it a 'clock' of its own",
         "delay": (
             "check 'sync' and 'clock', or state a larger 'delay' of the instruments of this clock"
         ),

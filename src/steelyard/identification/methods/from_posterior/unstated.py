@@ -19,6 +19,7 @@ from steelyard.identification.model.calibration_parameters import (
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import Process
 from steelyard.identification.solve.posterior import Posterior
+from steelyard.instruments.base import LATENCY
 from steelyard.instruments.noise import Cause
 from steelyard.instruments.unread_cables import PER_CABLE
 
@@ -147,6 +148,13 @@ def _on_errors(errors: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
         if not name.startswith(f"{ROBOT}.attached"):
             alike.setdefault(name.split()[0], []).append(name)
     for what, names in alike.items():
+        owner, _, key = what.partition(".")
+        if key == LATENCY:
+            yield (
+                f"{owner} reads {_number(errors[what])} later than the clock that it shares with"
+                f" others says; check that link or filter, or give {owner} a 'clock' of its own"
+            )
+            continue
         if len(names) > _MANY:
             most = max(names, key=lambda name: abs(errors[name]["value"]))
             yield (
