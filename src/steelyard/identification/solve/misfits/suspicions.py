@@ -29,7 +29,7 @@ from steelyard.identification.model.calibration_parameters import (
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise, smooth
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.newton_step import step_of
-from steelyard.instruments.base import LATENCY
+from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 
 _SURE = 3.0
 """1-sigma by which a stiffness, an area or a time constant must not be negative."""
@@ -188,9 +188,18 @@ def _is_possible(task: Task, found: Fit, asked: frozenset[Key]) -> bool:
     places = task.calibration_parameters.places
     ten, column_of = found.state.ten, task.column_of(found.state)
     for key in asked:
-        if _is_positive(task, key):
+        if key[1] == LATENCY or _is_positive(task, key):
             sigma = np.sqrt(np.diag(found.covariance)[column_of[places[key]]])
-            if np.any(found.state.calibration.values[places[key]] < -_SURE * sigma):
+            least = -_SURE * sigma
+            if key[1] == LATENCY:
+                # A filter is late too: where its time constant is estimated beside it, only the sum
+                # of both may be told, and the larger one is what it is.
+                constant = places.get((key[0], TIME_CONSTANT, None))
+                beside = constant is not None and task.active[constant].any()
+                least = _SURE * sigma
+                if constant is not None and beside:
+                    least = np.maximum(found.state.calibration.values[constant], 0.0)
+            if np.any(found.state.calibration.values[places[key]] < least):
                 return False
     keys = [(ROBOT, key, None) for key, _ in (*ATTACHED, *AIR) if (ROBOT, key, None) in asked]
     if not keys:
@@ -222,8 +231,6 @@ def _is_positive(task: Task, asked: Key) -> bool:
     owner, key, _ = asked
     if owner not in task.experiment.instruments:
         return False
-    if key == LATENCY:
-        return True
     terms = task.experiment.instruments[owner].terms(task.calibration_parameters.m)
     return any(each.key == key and each.positive for each in terms)
 
