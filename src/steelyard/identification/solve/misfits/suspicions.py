@@ -195,9 +195,8 @@ def _is_possible(task: Task, found: Fit, asked: frozenset[Key]) -> bool:
                 # A filter is late too: where its time constant is estimated beside it, only the sum
                 # of both may be told, and the larger one is what it is.
                 constant = places.get((key[0], TIME_CONSTANT, None))
-                beside = constant is not None and task.active[constant].any()
                 least = _SURE * sigma
-                if constant is not None and beside:
+                if constant is not None and task.active[constant].any():
                     least = np.maximum(found.state.calibration.values[constant], 0.0)
             if np.any(found.state.calibration.values[places[key]] < least):
                 return False
