@@ -84,11 +84,12 @@ def drawn(
     motion: str = "multisine",
 ) -> Iterator[tuple[str, str, Path, Inertia]]:
     """Robot, kind, experiment file and true body of drawn recordings."""
+    from rough.further import FURTHER
     from rough.kinds import KINDS
     from rough.recording import recorded
 
     for kind, what in KINDS.items():
-        for robot in what.robots:
+        for robot in (*what.robots, *(set(robots) & FURTHER.keys())):
             if (kinds and kind not in kinds) or (robots and robot not in robots):
                 continue
             for seed in seeds:

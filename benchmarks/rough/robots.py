@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .further import FURTHER
 from .shared import public
 
 _GRAVITY = public.GRAVITY
@@ -125,6 +126,8 @@ ROBOTS = {
     "tight": RoughRobot(TIGHT),
     "desk": RoughRobot(public.DESK, geometry=0.0003, encoder=0.0001),
     "twelve": RoughRobot(TWELVE),
+    **{name: RoughRobot(each) for name, each in FURTHER.items()},
+    "mini": RoughRobot(FURTHER["mini"], geometry=0.0003, encoder=0.0001),
 }
 
 
