@@ -211,7 +211,7 @@ def main(arguments: list[str]) -> None:
                 rng = np.random.default_rng([chosen.seed, i, *robot.encode()])
                 path = spoiled(sound, Path(place) / f"{robot}-{i}", name, rng)
                 truth = Inertia.from_body_parameters(body)
-                rows.append(row_of(f"{robot}, {name}", name, robot, path, truth))
+                rows.append(row_of(f"{robot}, {name}", name, robot, path, truth, None))
                 print(rows[-1], flush=True)
     print()
     for line in summed_up(rows, lambda row: row.robot):
