@@ -29,7 +29,7 @@ from steelyard.identification.model.calibration_parameters import (
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise, smooth
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.newton_step import step_of
-from steelyard.instruments.base import LATENCY, TIME_CONSTANT
+from steelyard.instruments.base import LATENCY
 
 _SURE = 3.0
 """1-sigma by which a stiffness, an area or a time constant must not be negative."""
@@ -190,14 +190,8 @@ def _is_possible(task: Task, found: Fit, asked: frozenset[Key]) -> bool:
     for key in asked:
         if key[1] == LATENCY or _is_positive(task, key):
             sigma = np.sqrt(np.diag(found.covariance)[column_of[places[key]]])
-            least = -_SURE * sigma
-            if key[1] == LATENCY:
-                # A filter is late too: where its time constant is estimated beside it, only the sum
-                # of both may be told, and the larger one is what it is.
-                constant = places.get((key[0], TIME_CONSTANT, None))
-                least = _SURE * sigma
-                if constant is not None and task.active[constant].any():
-                    least = np.maximum(found.state.calibration.values[constant], 0.0)
+            # A filter is late too: beside its time constant a latency has to be sure of itself.
+            least = _SURE * sigma if key[1] == LATENCY else -_SURE * sigma
             if np.any(found.state.calibration.values[places[key]] < least):
                 return False
     keys = [(ROBOT, key, None) for key, _ in (*ATTACHED, *AIR) if (ROBOT, key, None) in asked]
