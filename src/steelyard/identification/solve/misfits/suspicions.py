@@ -25,11 +25,12 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationParameter,
     CalibrationParameters,
     Key,
+    gather,
 )
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise, smooth
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.newton_step import step_of
-from steelyard.instruments.base import LATENCY
+from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 
 _SURE = 3.0
 """1-sigma by which a stiffness, an area or a time constant must not be negative."""
@@ -68,6 +69,7 @@ def with_suspicions(
             break
         parameters = task.calibration_parameters.believed(worst)
         tried, state = _with_priors_of(task, found.state, parameters)
+        tried, state = _late_not_filtered(tried, state, worst)
         there = again(tried, state)
         if _is_possible(tried, there, worst):
             task, found = tried, there
@@ -75,6 +77,20 @@ def with_suspicions(
             # Something else imitates it, and is to be named by the verdict.
             refused |= worst
     return task, found
+
+
+def _late_not_filtered(task: Task, state: FitState, asked: frozenset[Key]) -> tuple[Task, FitState]:
+    """Task and state in which what is late has no filter that nobody has stated: one that reads late
+    was taken for one, and about a filter of no time both are the same.
+    """
+    before = {(each.owner, each.key, each.run): each for each in gather(task.experiment).entries}
+    filters: set[Key] = {(owner, TIME_CONSTANT, None) for owner, key, _ in asked if key == LATENCY}
+    gone = {
+        key: before[key]
+        for key in filters & before.keys()
+        if before[key].is_absent and key in task.calibration_parameters.places
+    }
+    return _taken_back(task, state, gone) if gone else (task, state)
 
 
 def without_needless(
@@ -190,7 +206,7 @@ def _is_possible(task: Task, found: Fit, asked: frozenset[Key]) -> bool:
     for key in asked:
         if key[1] == LATENCY or _is_positive(task, key):
             sigma = np.sqrt(np.diag(found.covariance)[column_of[places[key]]])
-            # A filter is late too: beside its time constant a latency has to be sure of itself.
+            # Beside a filter that is stated, a latency has to be sure of itself.
             least = _SURE * sigma if key[1] == LATENCY else -_SURE * sigma
             if np.any(found.state.calibration.values[places[key]] < least):
                 return False
