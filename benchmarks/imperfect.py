@@ -89,7 +89,7 @@ def drawn(
     from rough.recording import recorded
 
     for kind, what in KINDS.items():
-        for robot in (*what.robots, *(set(robots) & FURTHER.keys())):
+        for robot in (*what.robots, *(each for each in robots if each in FURTHER)):
             if (kinds and kind not in kinds) or (robots and robot not in robots):
                 continue
             for seed in seeds:

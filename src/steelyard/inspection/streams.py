@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array, binned_means, stretches
+from steelyard.estimates.estimate import plain
 from steelyard.experiment.faults.fault import Fault
 from steelyard.experiment.faults.of_streams import Timing, faults_of, timing
 from steelyard.experiment.model import Experiment
@@ -268,8 +269,8 @@ def as_dict(report: StreamReport) -> Mapping[str, object]:
         "quantities": {
             q.name: {
                 "unit": q.unit,
-                "smallest": _or_null(q.smallest),
-                "largest": _or_null(q.largest),
+                "smallest": plain(q.smallest),
+                "largest": plain(q.largest),
                 "noise_at_rest": q.noise_at_rest,
                 "noise_in_motion": q.noise_in_motion,
                 "stated_noise": q.stated,
@@ -277,7 +278,3 @@ def as_dict(report: StreamReport) -> Mapping[str, object]:
             for q in report.quantities
         },
     }
-
-
-def _or_null(values: Array) -> list[float | None]:
-    return [float(each) if np.isfinite(each) else None for each in values]

@@ -45,7 +45,7 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.model.segment import POSE
 from steelyard.inertia import TEN
-from steelyard.instruments.base import LATENCY, TIME_CONSTANT
+from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.expressions.implicit import following_of, sensitivity_of
 from steelyard.instruments.expressions.linearisation import difference_of
 from steelyard.motion.state import State
@@ -266,7 +266,7 @@ def _border(
     by_delay = -sum(each @ rate for each, rate in zip(by, expressions.motion[1:], strict=True))
     if name == force:
         found.append((calibration_parameters.place(name, TIME_CONSTANT, run.name), by_delay))
-    if latency := calibration_parameters.places.get((name, LATENCY, None)):
+    if latency := calibration_parameters.place_of_latency(name):
         found.append((latency, by_delay))
     if clock != reference:
         found.append((calibration_parameters.place(clock, "delay", run.name), by_delay))

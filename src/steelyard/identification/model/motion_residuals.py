@@ -36,7 +36,7 @@ from steelyard.identification.model.segment import (
 )
 from steelyard.identification.model.sources import Source
 from steelyard.identification.tally import Tally, robust_weight
-from steelyard.instruments.base import LATENCY, TIME_CONSTANT
+from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.equations import linearised, without_effect
 
 AT_ONCE = 16384
@@ -123,7 +123,7 @@ def time_of(
         (name, TIME_CONSTANT, segment.run), places.get((name, TIME_CONSTANT, None))
     )
     # A filtered force says what was a while ago, and so does what comes over a slow link.
-    for place in (filtered, places.get((name, LATENCY, None))):
+    for place in (filtered, calibration_parameters.place_of_latency(name)):
         if place is not None:
             delay = delay + calibration.values[place]
     return time - delay[0], clock, origin
@@ -355,7 +355,7 @@ def _of_reading(
             column += size
     own = clock_of(experiment, name)
     reference = references.get(own, own)
-    latency = calibration_parameters.places.get((name, LATENCY, None))
+    latency = calibration_parameters.place_of_latency(name)
     if latency is not None and not has_column(column_of, latency):
         latency = None
     if not segment.static and (reference != own or latency is not None):

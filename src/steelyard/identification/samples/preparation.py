@@ -377,7 +377,8 @@ def samples_of(
     time, values = time[valid], values[valid]
     if len(time) < 2:
         for fault in task.run.excluded:
-            if fault.kind == "dead" and fault.instrument == name:
+            of_it = fault.instrument == name and fault.channel.startswith(quantity)
+            if fault.kind == "dead" and of_it:
                 raise InputError(
                     f"{stream.source}: expected readings of {name} that change, found the same"
                     f" {fault.channel.replace('_', ' ')} in all {fault.count} samples while its other"

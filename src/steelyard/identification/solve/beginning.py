@@ -48,7 +48,6 @@ from steelyard.identification.solve.misfits.suspicions import with_suspicions
 from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.identification.solve.stated_processes import with_stated
 from steelyard.inertia import TEN
-from steelyard.instruments.base import LATENCY
 
 Tell = Callable[[str, float], None]
 
@@ -397,7 +396,7 @@ def read_by(
                 active[
                     calibration_parameters.place(clock_of(experiment, name), "delay", segment.run)
                 ] = True
-                if latency := calibration_parameters.places.get((name, LATENCY, None)):
+                if latency := calibration_parameters.place_of_latency(name):
                     active[latency] = True
     active[calibration_parameters.places[ROBOT, "gravity", None]] = True
     untimed = _untimed(experiment, calibration_parameters, segments)

@@ -49,7 +49,7 @@ from steelyard.identification.model.segment import (
 )
 from steelyard.identification.model.sources import Source
 from steelyard.inertia import TEN
-from steelyard.instruments.base import LATENCY, TIME_CONSTANT, Instrument
+from steelyard.instruments.base import TIME_CONSTANT, Instrument
 from steelyard.instruments.equations import following, sensitivity
 from steelyard.instruments.tension import GAINS, PRESLIDING, PRESLIDING_START
 from steelyard.robot.model import DIRECTIONS
@@ -291,7 +291,7 @@ class BalancePoint:
         places = parameters.places_of(name, self.instrument, segment.run)
         if TIME_CONSTANT in places:
             yield places[TIME_CONSTANT], by_delay + self._by_smoothing()
-        if latency := parameters.places.get((name, LATENCY, None)):
+        if latency := parameters.place_of_latency(name):
             yield latency, by_delay
         drag = parameters.places[ROBOT, DRAG, None]
         if self.asks(drag):

@@ -15,6 +15,7 @@ from steelyard.arrays import Array
 from steelyard.identification.model.calibration_parameters.keys import LOAD, ROBOT
 from steelyard.identification.weighed_cells import WeighedCells
 from steelyard.instruments import Instrument
+from steelyard.instruments.base import LATENCY
 from steelyard.instruments.length import ROLLER
 from steelyard.instruments.tension import CROSSTALK
 from steelyard.robot.covariance import POINTS
@@ -159,6 +160,12 @@ class CalibrationParameters:
         """
         key = self.carried.get(run)
         return None if key is None else self.places[ROBOT, key, None]
+
+    def place_of_latency(self, name: str) -> slice | None:
+        """Where it stands by how much an instrument is later than its clock says; None: it shares
+        none, or its delay is stated.
+        """
+        return self.places.get((name, LATENCY, None))
 
     @cached_property
     def mean(self) -> Array:

@@ -83,14 +83,15 @@ def _late_not_filtered(task: Task, state: FitState, asked: frozenset[Key]) -> tu
     """Task and state in which what is late has no filter that nobody has stated: one that reads late
     was taken for one, and about a filter of no time both are the same.
     """
-    before = {(each.owner, each.key, each.run): each for each in gather(task.experiment).entries}
-    filters: set[Key] = {(owner, TIME_CONSTANT, None) for owner, key, _ in asked if key == LATENCY}
-    gone = {
-        key: before[key]
-        for key in filters & before.keys()
-        if before[key].is_absent and key in task.calibration_parameters.places
+    late = {owner for owner, key, _ in asked if key == LATENCY}
+    if not late:
+        return task, state
+    gone: dict[Key, CalibrationParameter] = {
+        (each.owner, each.key, each.run): each
+        for each in gather(task.experiment).entries
+        if each.owner in late and each.key == TIME_CONSTANT and each.is_absent
     }
-    return _taken_back(task, state, gone) if gone else (task, state)
+    return _taken_back(task, state, gone)
 
 
 def without_needless(
@@ -204,12 +205,10 @@ def _is_possible(task: Task, found: Fit, asked: frozenset[Key]) -> bool:
     places = task.calibration_parameters.places
     ten, column_of = found.state.ten, task.column_of(found.state)
     for key in asked:
-        if key[1] == LATENCY or _is_positive(task, key):
-            sigma = np.sqrt(np.diag(found.covariance)[column_of[places[key]]])
-            # Beside a filter that is stated, a latency has to be sure of itself.
-            least = _SURE * sigma if key[1] == LATENCY else -_SURE * sigma
-            if np.any(found.state.calibration.values[places[key]] < least):
-                return False
+        least = _least(task, key)
+        sigma = np.sqrt(np.diag(found.covariance)[column_of[places[key]]])
+        if np.any(found.state.calibration.values[places[key]] < least * sigma):
+            return False
     keys = [(ROBOT, key, None) for key, _ in (*ATTACHED, *AIR) if (ROBOT, key, None) in asked]
     if not keys:
         return True
@@ -235,13 +234,17 @@ def _is_possible(task: Task, found: Fit, asked: frozenset[Key]) -> bool:
     return bool(2 * nearest.cost < chi2_exceeded(_CHANCE, len(values) - 4))
 
 
-def _is_positive(task: Task, asked: Key) -> bool:
-    """Whether no device has this error below zero."""
+def _least(task: Task, asked: Key) -> float:
+    """Where an error has to be at least, in its 1-sigma: what no device has below zero may be there
+    by chance only; a latency, which a filter imitates, has to be sure of itself.
+    """
     owner, key, _ = asked
+    if key == LATENCY:
+        return _SURE
     if owner not in task.experiment.instruments:
-        return False
+        return -np.inf
     terms = task.experiment.instruments[owner].terms(task.calibration_parameters.m)
-    return any(each.key == key and each.positive for each in terms)
+    return -_SURE if any(each.key == key and each.positive for each in terms) else -np.inf
 
 
 def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) -> frozenset[Key]:
