@@ -9,12 +9,20 @@ import pytest
 from places import ROOT
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
-from simulated import RECORDER, ROBOT, sound, with_stream
+from simulated import RECORDER, ROBOT, TRUTH, sound, with_stream
 
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.verdict.assessment import reasons
-from steelyard.identification.verdict.resonance import _KINDS, _followed, _frequencies, resonance
+from steelyard.identification.verdict.resonance import (
+    _KINDS,
+    _Asked,
+    _followed,
+    _frequencies,
+    _moved_body,
+    _stretches,
+    resonance,
+)
 from steelyard.robot.kinematics import cables_at
 
 pytestmark = pytest.mark.integration
@@ -110,6 +118,23 @@ def test_a_load_on_a_string_is_named(mass, length):
     assert any(
         "swing at" in each and "no part of a rigid body" in each for each in reasons(posterior)
     )
+
+
+def test_a_mass_that_is_known_is_not_moved():
+    """A load that swings moves what the readings tell, not what a scale has told."""
+    swinging = withstood(sound(0), on_a_string(4.0, 0.6))
+    moved = {}
+    for sigma in (10.0, 1e-3):
+        known = replace(swinging, known={"mass": (TRUTH[0], sigma)})
+        posterior = fit_jointly(known)
+        (stretch,) = _stretches(posterior)
+        asked = [_Asked.of(stretch, _KINDS[0])]
+        pull = np.array([-4.0, *(-4.0 * AT)])
+        moved[sigma] = _moved_body(posterior, asked, 0.64, pull)
+    assert abs(moved[10.0][0]) > 0.01
+    assert abs(moved[1e-3][0]) < 1e-4
+    # The centre of gravity still follows.
+    assert np.abs(moved[1e-3][1:4]).max() > 0.1
 
 
 @pytest.fixture

@@ -21,7 +21,9 @@ from scipy.linalg.lapack import dtbtrs
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
+from steelyard.estimates.estimate import plausible_radius
 from steelyard.estimates.quantiles import chi2_tail
+from steelyard.identification.known_body import known_body
 from steelyard.identification.model.balance import Forces, balance_of, regressor_at
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import motion_at
@@ -41,9 +43,12 @@ half is seen, and more than nine tenths where it is looked at more closely."""
 _NEAR = 9
 """Frequencies between those about the likeliest, where it is looked at more closely."""
 _BESIDE = 1.4
-"""Of frequencies beside a resonance."""
+"""Of frequencies beside a resonance, at most."""
+_WIDTHS = 4.0
+"""Of its line, by which these are beside it where that is less."""
 _SHARP = 3.0
-"""By how much more the cost falls at a resonance than beside it."""
+"""By how much more the cost falls at a resonance than beside it: seven times and more for loads of a
+percent of a platform; 1.3 where a platform that swings freely rubs in a way that its friction is not."""
 _CHANCE = 1e-10
 """Probability of it by chance, over all frequencies: errors of the description come first."""
 _INDEPENDENT = 1e-9
@@ -131,9 +136,9 @@ def _resonance(found: Posterior, settings: VerdictSettings) -> Resonance | None:
         begun = [_Asked.of(each, kind) for each in stretches]
         asked, likeliest, test = _likeliest(begun, frequencies)
         trials = len(frequencies) * len(kind.damping)
-        if not _is_resonance(test, asked, likeliest, trials):
+        if not _is_resonance(test, asked, likeliest, trials, duration):
             continue
-        shift = length_of(found)(_moved_body(asked, likeliest, test.pull))
+        shift = length_of(found)(_moved_body(found, asked, likeliest, test.pull))
         if shift > settings.matters and (best is None or test.fall > best[0]):
             mass = -float(test.pull[0]) if kind.name == "swings" else None
             if mass is None or mass > 0:
@@ -152,9 +157,14 @@ def _frequencies(kind: _Kind, lowest: float, duration: float) -> Array:
     """
     found = [lowest]
     while found[-1] < kind.highest:
-        width = np.hypot(1 / duration, 2 * kind.damping[-1] * found[-1])
-        found.append(min(found[-1] + _LINE * float(width), kind.highest))
+        width = _width(found[-1], kind.damping[-1], duration)
+        found.append(min(found[-1] + _LINE * width, kind.highest))
     return np.array(found)
+
+
+def _width(frequency: float, damping: float, duration: float) -> float:
+    """Of a line [Hz], as its damping makes it and as a stretch resolves it."""
+    return float(np.hypot(1 / duration, 2 * damping * frequency))
 
 
 class _Test(NamedTuple):
@@ -189,12 +199,18 @@ def _likeliest(
     return found
 
 
-def _is_resonance(test: _Test, asked: Sequence[_Asked], frequency: float, trials: int) -> bool:
+def _is_resonance(
+    test: _Test, asked: Sequence[_Asked], frequency: float, trials: int, duration: float
+) -> bool:
     """Whether it is surely there, and at no other frequency."""
     if float(chi2_tail(test.fall, len(test.pull))) * trials > _CHANCE:
         return False
-    beside = (_tested(asked, frequency * _BESIDE), _tested(asked, frequency / _BESIDE))
-    return all(test.fall > _SHARP * each.fall for each in beside)
+    reach = _WIDTHS * _width(frequency, asked[0].kind.damping[-1], duration)
+    beside = (
+        min(frequency * _BESIDE, frequency + reach),
+        max(frequency / _BESIDE, frequency - reach),
+    )
+    return all(test.fall > _SHARP * _tested(asked, each).fall for each in beside)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,8 +237,8 @@ class _Stretch:
     """Correlation of what is left over from sample to sample."""
     base: Array
     """Orthonormal columns of the body and of offsets, shape (6 n - 6, b)."""
-    body: Array
-    """By how much the body follows the residual, shape (10, 6 n - 6)."""
+    by_body: Array
+    """How the residual follows the body, shape (6 n - 6, 10)."""
     over: Array
     """What is left over, in units of its scatter, shape (6 n - 6,)."""
     scatter: float
@@ -385,7 +401,7 @@ def _stretch(found: Posterior, segment: Segment, forces: Forces, longest: float)
         use,
         kept,
         base,
-        np.linalg.pinv(by_body),
+        by_body,
         np.asarray(residual / scatter),
         float(scatter),
     )
@@ -422,10 +438,22 @@ def _tested(asked: Sequence[_Asked], frequency: float) -> _Test:
     return _Test(float(right @ pull), pull)
 
 
-def _moved_body(asked: Sequence[_Asked], frequency: float, pull: Array) -> Array:
-    """By how much the ten parameters of the body change with a pull, shape (10,)."""
-    by_stretch = [each.stretch.body @ (each.rows(frequency) @ pull) for each in asked]
-    return np.asarray(-np.mean(by_stretch, axis=0))
+def _moved_body(found: Posterior, asked: Sequence[_Asked], frequency: float, pull: Array) -> Array:
+    """By how much the ten parameters of the body change with a pull, shape (10,), as far as what is
+    known of them beforehand lets them.
+    """
+    state = found.fit.state
+    assert state.parameters is not None
+    size = plausible_radius(found.experiment.robot)
+    information, _ = known_body(found.of_its_runs, state.parameters, size)
+    gradient = np.zeros(TEN)
+    for each in asked:
+        B = each.stretch.by_body
+        information = information + B.T @ B
+        gradient -= B.T @ (each.rows(frequency) @ pull)
+    scale = 1 / np.sqrt(np.diag(information))
+    scaled = np.linalg.pinv(information * np.outer(scale, scale), hermitian=True)
+    return np.asarray(scale * (scaled @ (scale * gradient)))
 
 
 def _wrenches(kind: _Kind) -> Array:

@@ -35,6 +35,8 @@ _ORDER = 2
 """Of the polynomials that show the rate of force readings."""
 _FEWEST = 7
 """Samples that they go through, at least."""
+_CHANGING = 0.25
+"""Part of the squared rate that a motion gives them, which readings show at least if they follow it."""
 _HALF = 0.1
 """Half the time that they go through [s]: forces on platforms follow motions of a few hertz."""
 
@@ -188,7 +190,9 @@ def _scatterings(task: Task, state: FitState) -> Iterator[_Scattering]:
             # filter that follows the accelerometer, is no jitter, and not in second differences over
             # a short time.
             lag = _lag(reading.time[use])
-            if len(held) <= 2 * lag:
+            if len(held) <= 2 * lag or not _changes(
+                reading.values[use], reading.time[use], lag, rate[use]
+            ):
                 continue
             differences = held[2 * lag :] - 2 * held[lag:-lag] + held[: -2 * lag]
             squares.setdefault(reading.source, []).append(differences.ravel() ** 2 / 6)
@@ -199,6 +203,24 @@ def _scatterings(task: Task, state: FitState) -> Iterator[_Scattering]:
     for source, each in squares.items():
         square = np.concatenate(each)
         yield _Scattering(source[0], square, np.concatenate(rates[source]), sigmas[source])
+
+
+def _changes(values: Array, time: Array, lag: int, rate: Array) -> bool:
+    """Whether readings change as quickly as the motion would have it: what an encoder of a winch that
+    stands still reads cannot be late, whatever its residuals do.
+
+    Args:
+        values: Of one quantity, shape (n, k), or matrices, which are not looked at.
+        time: Of its samples [s], shape (n,).
+        lag: Samples between two that are compared.
+        rate: By how much these would change in a second, shape (n, k).
+    """
+    if values.ndim > rate.ndim:
+        return True
+    after = lag * float(np.median(np.diff(time)))
+    # Noise is in both differences alike.
+    seen = np.mean((values[lag:] - values[:-lag]) ** 2) - np.mean(np.diff(values, axis=0) ** 2)
+    return bool(seen > _CHANGING * after**2 * np.mean(rate**2))
 
 
 def _lag(time: Array) -> int:
@@ -219,15 +241,25 @@ def _residual_and_rate(
     )
     by = (linear["by_pose"], linear["by_rate"], linear["by_acceleration"])
     residual = linear["residual"] + segment.disturbance_of(reading.source, local)
-    return np.asarray(residual), rate_along(by, motion)
+    rate = rate_along(by, motion)
+    if reading.tension is not None:
+        # A cable on a winch that stands still stretches as the platform moves: what an encoder
+        # reads of it does not change.
+        change = _rates(reading.time, reading.tension)
+        rate = rate + np.einsum("nkm,nm->nk", linear["by_tension"], change)
+    return np.asarray(residual), rate
 
 
 def _force_rates(forces: Forces) -> Array:
     """By how much force readings change in a second, shape (n, r)."""
+    return _rates(forces.time, np.hstack(list(forces.readings.values())))
+
+
+def _rates(time: Array, values: Array) -> Array:
+    """By how much noisy readings change in a second, shape (n, k)."""
     from scipy.signal import savgol_filter
 
-    values = np.hstack(list(forces.readings.values()))
-    step = float(np.median(np.diff(forces.time))) if len(forces.time) > 1 else 1.0
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
     many = 2 * max(_FEWEST // 2, round(_HALF / max(step, 1e-6))) + 1
     if len(values) <= many:
         return np.zeros_like(values)
