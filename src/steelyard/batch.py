@@ -1,21 +1,18 @@
 """CasADi expressions evaluated over all samples at once.
 
 The physics is written once, symbolically. This module turns an expression into a function of NumPy
-arrays with time on axis 0. Samples go through CasADi's buffer interface in blocks, whose memory stays
-with the function from call to call: most calls are of few samples, and to say anew where these stand
-would take longer than to compute them. It lets go of the interpreter's lock, so that many blocks are
-shared among threads; each sample is computed alike, whoever does it.
+arrays with time on axis 0. Many samples go through it one operation after the other
+(:mod:`.operations`), few of them sample by sample: through CasADi's buffer interface in blocks, whose
+memory stays with the function from call to call, since to say anew where these stand would take longer
+than to compute them.
 """
 
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any, TypeAlias
 
 import casadi as ca
@@ -23,26 +20,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from steelyard.arrays import Array
+from steelyard.operations import Operations
 
 Symbol: TypeAlias = Any
 """A CasADi SX or MX expression (the library ships no types)."""
 
-_BLOCK = 256
-"""Samples a call: large enough to hide the call, small enough to build in a millisecond."""
-_SMALL_BLOCK = 16
-"""The same of long expressions, beside which a call is nothing, and of few samples: the last block
-computes less in vain."""
-_FEW = 128
-"""Samples that are few."""
-_LONG = 4000
-"""Operations of an expression from which on it is long."""
+_BLOCK = 16
+"""Samples a call of CasADi: the last block computes less in vain than a large one."""
+_MANY = 160
+"""Samples from which on NumPy is faster, whatever the expression."""
+_WORTH = 1000
+"""Samples, over all calls of many, after which a list of operations has saved what it took to make."""
 _KEPT = 1 << 19
 """Numbers of the last call that are remembered, at most: fit, verdict and conclusion look at one
 state in turn."""
-_SAMPLES_A_THREAD = 32 * _BLOCK
-"""A thread starts and ends in a millisecond or two where others compete; many calls are small."""
-_MOST_THREADS = 8
-"""They share the memory, which does not get faster."""
 
 
 def _row_major(expression: Symbol) -> Symbol:
@@ -83,8 +74,8 @@ class Batched:
         self._inner = ca.Function(name, list(inputs.values()), list(outputs.values()))
         results = self._inner.call(matrices, True, False)
         self._single = ca.Function(name, list(flat.values()), [_row_major(r) for r in results])
-        self._size = _BLOCK if self._single.n_instructions() < _LONG else _SMALL_BLOCK
         self._idle: dict[int, list[_BlockMemory]] = {}
+        self._many = 0
         self._last: _Call | None = None
         shapes = (*self._in_shapes.values(), *self._out_shapes.values())
         self._numbers = sum(math.prod(shape) for shape in shapes)
@@ -96,20 +87,12 @@ class Batched:
     @cached_property
     def _block(self) -> Symbol:
         """The function of a block; many a function is asked for one sample only."""
-        return self._single.map(self._size)
+        return self._single.map(_BLOCK)
 
     @cached_property
-    def _small(self) -> Symbol:
-        """The function of a small block."""
-        return self._single.map(_SMALL_BLOCK)
-
-    def _blocks_for(self, n: int) -> tuple[int, Symbol]:
-        """Size of the blocks of n samples, and their function."""
-        if n == 1:
-            return 1, self._single
-        if n <= _FEW and self._size > _SMALL_BLOCK:
-            return _SMALL_BLOCK, self._small
-        return self._size, self._block
+    def _operations(self) -> Operations | None:
+        """One after the other; None: these are not known."""
+        return Operations.of(self._single)
 
     @property
     def function(self) -> Symbol:
@@ -158,26 +141,18 @@ class Batched:
             n: Samples.
             given: Values of the inputs, with the sample axis or without.
         """
-        size, function = self._blocks_for(n)
         outputs = {key: np.empty((n, *shape)) for key, shape in self._out_shapes.items()}
-        found = list(outputs.values())
-        blocks = -(-n // size)
-        threads = min(_MOST_THREADS, n // _SAMPLES_A_THREAD)
-        # Asking for the cores takes longer than a small call.
-        threads = min(threads, os.cpu_count() or 1) if threads > 1 else 1
-        if threads == 1:
-            self._evaluate(function, size, given, found, range(0, n, size))
+        self._many += n if n >= _MANY else 0
+        if n >= _MANY and self._many >= _WORTH and self._operations is not None:
+            inputs = [
+                value.reshape(n, -1) if value.ndim > len(shape) else value.ravel()
+                for value, shape in zip(given, self._in_shapes.values(), strict=True)
+            ]
+            self._operations(inputs, [each.reshape(n, -1) for each in outputs.values()])
+        elif n == 1:
+            self._evaluate(self._single, 1, given, list(outputs.values()))
         else:
-            bounds = [blocks * k // threads * size for k in range(threads + 1)]
-            with ThreadPoolExecutor(threads) as pool:
-                shares = [
-                    pool.submit(
-                        self._evaluate, function, size, given, found, range(first, last, size)
-                    )
-                    for first, last in pairwise(bounds)
-                ]
-            for share in shares:
-                share.result()  # raises what went wrong there
+            self._evaluate(self._block, _BLOCK, given, list(outputs.values()))
         return outputs
 
     def _evaluate(
@@ -186,16 +161,14 @@ class Batched:
         size: int,
         values: Sequence[Array],
         outputs: Sequence[Array],
-        begins: range,
     ) -> None:
-        """Fill some blocks of the outputs, of ``size`` samples each.
+        """Fill the outputs, block by block.
 
         Args:
             function: Of a block.
             size: Its samples.
             values: Of the inputs, with the sample axis or without.
             outputs: To be filled.
-            begins: Where the blocks begin.
         """
         # One that nobody else works with: taking it from a list is a single step.
         idle = self._idle.setdefault(size, [])
@@ -213,7 +186,7 @@ class Batched:
         for own, value in zip(block.inputs, values, strict=True):
             if value.ndim != own.ndim:
                 own[...] = value
-        for begin in begins:
+        for begin in range(0, len(outputs[0]), size):
             # Whole blocks, so that the last one needs no function of its own.
             for own, value in varying:
                 part = value[begin : begin + size]
