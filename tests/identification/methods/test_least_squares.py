@@ -377,7 +377,7 @@ def test_a_long_recording_window_by_window_is_nearly_as_good_as_at_once():
     experiment = recorder(6)
     once = fit_with_held_motion(experiment)
     settings = FitSettings(long=20.0, part=12.0, window=9.0)
-    part = fit_with_held_motion(lively_parts(experiment, settings))
+    part = fit_with_held_motion(lively_parts(experiment, settings.part, settings))
     long = fit_with_held_motion(experiment, settings=settings)
     assert len(long.fit.state.segments) == 4
     lively, whole, single = METHOD.of(part), METHOD.of(long), METHOD.of(once)

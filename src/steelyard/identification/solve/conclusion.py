@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import plausible_radius
@@ -34,7 +35,11 @@ from steelyard.identification.solve.normal_equations import (
     together,
 )
 from steelyard.identification.solve.posterior import Posterior, prior_of
-from steelyard.identification.solve.segment_equations import SegmentEquations, segment_equations
+from steelyard.identification.solve.segment_equations import (
+    BalanceCourse,
+    SegmentEquations,
+    segment_equations,
+)
 from steelyard.inertia import TEN
 from steelyard.smoothing import DEGREE
 
@@ -119,12 +124,26 @@ def stretch_of(readings: Readings, fitted: Fitted) -> FittedStretch:
 
 
 def without_knots(chunk: FittedStretch) -> FittedStretch:
-    """A chunk without the large matrices of its knots, which have done their work."""
-    parts = tuple(replace(part, segment=replace(part.segment, jerks={})) for part in chunk.parts)
+    """A chunk without what has done its work: the large matrices of its knots, its readings beside
+    those of its segments, the noise of its balance. How the motion follows the border is drawn, not
+    computed with.
+    """
+    estimated = _estimated(chunk.fitted.task)
+    parts = tuple(
+        replace(
+            part,
+            segment=replace(part.segment, jerks={}),
+            followed=part.followed[:, estimated].astype(np.float32),
+            balances=(),
+            kept=part.courses,
+        )
+        for part in chunk.parts
+    )
+    records = tuple(replace(each, segments=(), force_samples=()) for each in chunk.readings.records)
     fit = chunk.fitted.fit
     state = replace(fit.state, segments=tuple(part.segment for part in parts))
     fitted = replace(chunk.fitted, fit=replace(fit, state=state, equations=(), motions=()))
-    return FittedStretch(chunk.readings, fitted, parts)
+    return FittedStretch(replace(chunk.readings, records=records), fitted, parts)
 
 
 def concluded(chunks: Sequence[FittedStretch], *, courses: bool = True) -> Posterior:
@@ -147,7 +166,7 @@ def concluded(chunks: Sequence[FittedStretch], *, courses: bool = True) -> Poste
     radius = plausible_radius(experiment.robot)
     size = plausible(found.state.parameters, radius)
     prior = prior_of(experiment, found.state.calibration, found.state.parameters, radius)
-    estimated = np.concatenate([np.ones(TEN, dtype=bool), task.active])
+    estimated = _estimated(task)
     biases = [chunk.fitted.fit.bias.sum(axis=0) for chunk in chunks if len(chunk.fitted.fit.bias)]
     bias = np.zeros(len(estimated))
     bias[estimated] = np.sum(biases, axis=0) if biases else 0.0
@@ -159,7 +178,11 @@ def concluded(chunks: Sequence[FittedStretch], *, courses: bool = True) -> Poste
     )
     sources = _force_sources(fitted)
     blocks = together([part.blocks for part in parts])
-    state = _whole(found.state, chunks, solution)
+    if len(chunks) > 1 and not len(found.bias):
+        # Windows whose motion was not held.
+        step = np.concatenate([solution.value[:TEN] - found.state.parameters, solution.value[TEN:]])
+        parts = [_moved(part, step, estimated) for part in parts]
+    state = _whole(found.state, parts, solution, several=len(chunks) > 1)
     result = Posterior(
         experiment=experiment,
         fit=replace(found, state=state),
@@ -188,10 +211,14 @@ def concluded(chunks: Sequence[FittedStretch], *, courses: bool = True) -> Poste
     wide = enlarged(solution, blocks, result.told, freedom, task.settings)
     # What the verdict asks is how the forces compare with what was stated of them.
     wide = replace(wide, ratio=_force_ratio(found, sources, task.stated))
-    covariance = np.where(np.outer(estimated, estimated), wide.covariance, 0.0)
     moving = [part for part in parts if courses and not part.segment.static]
-    motion = tuple(_motion_of(part, state, covariance) for part in moving)
+    motion = tuple(_motion_of(part, state, wide.covariance, estimated) for part in moving)
     return replace(result, solution=wide, motion=motion)
+
+
+def _estimated(task: Task) -> NDArray[np.bool_]:
+    """Columns of the border that are estimated, shape (k,)."""
+    return np.concatenate([np.ones(TEN, dtype=bool), task.active])
 
 
 def _further_loads(
@@ -225,13 +252,29 @@ def _noise(
     return np.sum(own, axis=0) if own else np.zeros((TEN, TEN))
 
 
-def _whole(state: FitState, chunks: Sequence[FittedStretch], solution: Solution) -> FitState:
+def _moved(part: SegmentEquations, step: Array, estimated: NDArray[np.bool_]) -> SegmentEquations:
+    """A window whose motion follows the border, shape (k,), to where the whole has it."""
+    segment = part.segment
+    along = _followed(part, estimated) @ step[estimated]
+    coefficients = segment.coefficients - along.reshape(segment.coefficients.shape)
+    return replace(part, segment=replace(segment, coefficients=coefficients))
+
+
+def _followed(part: SegmentEquations, estimated: NDArray[np.bool_]) -> Array:
+    """How the motion follows what is estimated, with the opposite sign, shape (N, e)."""
+    every = part.followed.shape[1] == len(estimated)
+    return part.followed[:, estimated] if every else part.followed
+
+
+def _whole(
+    state: FitState, parts: Sequence[SegmentEquations], solution: Solution, *, several: bool
+) -> FitState:
     """The state of all chunks together."""
-    if len(chunks) == 1:
+    if not several:
         return state
     # About the calibration of a part; the step that the whole makes is small.
     values = state.calibration.values + solution.value[TEN:]
-    segments = tuple(segment for chunk in chunks for segment in chunk.fitted.fit.state.segments)
+    segments = tuple(part.segment for part in parts)
     calibration = replace(state.calibration, values=values)
     return replace(
         state, segments=segments, calibration=calibration, parameters=solution.value[:TEN]
@@ -325,22 +368,26 @@ def _weights(parts: Sequence[SegmentEquations], held_out: frozenset[str]) -> dic
     for part in parts:
         if part.segment.run in held_out:
             continue
-        inside = np.concatenate([part.segment.holds(each.time) for each in part.balances])
+        inside = np.concatenate([part.segment.holds(each.time) for each in part.courses])
         named = part.force_samples.left_out.any(axis=1) | ~inside
         found.setdefault(part.segment.run, []).append(np.where(named, 1.0, part.weight))
     return {run: np.concatenate(each) for run, each in found.items()}
 
 
-def _motion_of(part: SegmentEquations, state: FitState, border: Array) -> FittedMotion:
+def _motion_of(
+    part: SegmentEquations, state: FitState, covariance: Array, estimated: NDArray[np.bool_]
+) -> FittedMotion:
     """The motion of a segment in common time: the clock that tells it may have a delay of its own.
 
     Args:
         part: With its segment.
         state: With the calibration.
-        border: Covariance of the border parameters, shape (k, k).
+        covariance: Of the border parameters, shape (k, k).
+        estimated: Which of them are estimated, shape (k,).
     """
     segment, parameters = part.segment, state.calibration.calibration_parameters
-    motion = fitted_motion(segment, part.covariance, part.followed, border)
+    border = covariance[np.ix_(estimated, estimated)]
+    motion = fitted_motion(segment, part.covariance, _followed(part, estimated), border)
     assert segment.reference is not None
     own = parameters.place(segment.reference, "delay", segment.run)
     delay = float((state.calibration.values[own] - parameters.mean[own])[0])
@@ -366,14 +413,14 @@ def _samples(run: Run, chunks: Sequence[FittedStretch]) -> Samples:
     """
     prepared: Samples | None = None
     segments: list[Segment] = []
-    own: list[Balance] = []
+    own: list[BalanceCourse] = []
     for chunk in chunks:
         for each, samples in zip(chunk.readings.runs, chunk.readings.samples, strict=True):
             prepared = prepared or (samples if each.name == run.name else None)
         for part in chunk.parts:
             if part.segment.run == run.name:
                 segments.append(part.segment)
-                own += part.balances
+                own += part.courses
     assert prepared is not None
     if not own:
         return prepared
@@ -396,6 +443,6 @@ def _samples(run: Run, chunks: Sequence[FittedStretch]) -> Samples:
     )
 
 
-def _structure(at: Balance) -> Array:
+def _structure(at: BalanceCourse) -> Array:
     assert at.structure is not None
     return at.structure

@@ -21,16 +21,12 @@ from steelyard.experiment.unread import without_constant_lengths
 from steelyard.identification.model.balance import balance_of, parts_of
 from steelyard.identification.model.calibration_parameters import ROBOT
 from steelyard.identification.model.force_residuals import force_residuals, tally_forces
-from steelyard.identification.model.motion_segment import Segment
-from steelyard.identification.model.processes import integrals_of
 from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.dense_streams import average_dense
 from steelyard.identification.solve.beginning import (
     Tell,
     begin,
-    motion_task,
-    on_force_clock,
     read,
 )
 from steelyard.identification.solve.conclusion import (
@@ -49,8 +45,12 @@ from steelyard.identification.solve.fit_state import (
     linearise,
     smooth,
 )
-from steelyard.identification.solve.long_recording import lively_parts, moving_length, windows
-from steelyard.identification.solve.misfits.jitter import with_jitter
+from steelyard.identification.solve.long_recording import (
+    lively_parts,
+    moving_length,
+    window_about,
+    windows,
+)
 from steelyard.identification.solve.misfits.suspicions import with_suspicions
 from steelyard.identification.solve.newton_step import NewtonStep, step_of
 from steelyard.identification.solve.noise_levels import (
@@ -98,7 +98,8 @@ def _posterior(
     """Of the whole at once, or of a long recording chunk by chunk."""
     if moving_length(experiment) <= settings.long:
         return concluded([_fitted(experiment, tell, held_out, settings)])
-    part = _fitted(lively_parts(experiment, settings), tell, held_out, settings)
+    lively = lively_parts(experiment, settings.part, settings)
+    part = _fitted(lively, tell, held_out, settings)
     runs = list(windows(experiment, settings))
     found = []
     for i, run in enumerate(runs):
@@ -127,23 +128,10 @@ def _fitted(
 
 def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch]:
     """A stretch of a long recording, about the calibration, noise and smoothness of a part."""
-    known = part.fit.state
-    readings = read(
-        experiment, known.calibration, lambda what, fraction: None, [run], part.task.settings
-    )
-    if not readings.segments:
+    begun = window_about(part, experiment, run)
+    if begun is None:
         return []
-    like = next((each for each in known.segments if not each.static), None)
-    segments = tuple(
-        segment if segment.static or like is None else _alike(segment, like)
-        for segment in readings.segments
-    )
-    task = replace(
-        motion_task(readings), experiment=experiment, active=np.zeros_like(part.task.active)
-    )
-    state = FitState(segments, known.calibration, None, known.factors, known.jitters)
-    state = _motion_about(*with_jitter(task, state))
-    state = replace(on_force_clock(experiment, state), parameters=known.parameters)
+    readings, state = begun
     task = replace(
         part.task,
         experiment=experiment,
@@ -154,24 +142,6 @@ def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch
     fit = replace(part.fit, state=state, motions=_covariances(parts), bias=bias)
     fitted = replace(part, task=task, fit=fit, force_samples=readings.force_samples, lost=())
     return [without_knots(stretch_of(readings, fitted))]
-
-
-def _alike(segment: Segment, like: Segment) -> Segment:
-    """A segment as smooth as another, with the same disturbances."""
-    integrals = integrals_of(segment.knots)
-    processes = tuple(replace(each, integrals=integrals) for each in like.processes)
-    return replace(segment, smoothness=like.smoothness).disturbed(processes)
-
-
-def _motion_about(task: Task, state: FitState) -> FitState:
-    """The motion with the calibration held."""
-    for _ in range(task.settings.stretch_iterations):
-        parts, _tally = linearise(task, state)
-        step = step_of(task, state, smooth(state, [each.all for each in parts]))
-        state = step.along(task, state, 1.0)
-        if step.decrement < task.settings.beginning_arrived:
-            break
-    return state
 
 
 def fit_held(

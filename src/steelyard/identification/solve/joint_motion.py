@@ -8,10 +8,13 @@ own instruments ask for.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from steelyard.experiment.model import Experiment
+from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.samples.dense_streams import average_dense
 from steelyard.identification.solve.beginning import (
@@ -42,10 +45,25 @@ from steelyard.identification.solve.between_fits.lengths_by_tensions import (
     seen_with_tensions,
     with_tensions,
 )
-from steelyard.identification.solve.conclusion import Fitted, concluded, sound, stretch_of
+from steelyard.identification.solve.conclusion import (
+    Fitted,
+    FittedStretch,
+    concluded,
+    sound,
+    stretch_of,
+    without_knots,
+)
+from steelyard.identification.solve.fit_state import FitState, Task, linearise, smooth
 from steelyard.identification.solve.joint_fit import fit
+from steelyard.identification.solve.long_recording import (
+    lively_parts,
+    moving_length,
+    window_about,
+    windows,
+)
 from steelyard.identification.solve.misfits.disturbances import with_disturbances
 from steelyard.identification.solve.misfits.jitter import with_jitter, with_jitter_found
+from steelyard.identification.solve.misfits.outliers import look
 from steelyard.identification.solve.misfits.suspicions import (
     with_suspicions,
     without_needless,
@@ -90,12 +108,143 @@ def fit_jointly(
 
     def posterior() -> Posterior:
         dense = average_dense(experiment, settings.motion)
-        readings = read(dense, start, tell, settings=settings)
-        begun = begin(readings, tell, thorough=False)
-        found = fit_readings(readings, begun, tell, vibrating=vibrating)
-        return concluded([stretch_of(readings, found)])
+        if moving_length(dense) > settings.long_jointly:
+            return fit_by_windows(dense, start, tell, settings, vibrating)
+        return concluded([_whole(dense, start, tell, settings, vibrating)])
 
     return sound(posterior)
+
+
+def _whole(
+    experiment: Experiment,
+    start: CalibrationValues | None,
+    tell: Tell,
+    settings: FitSettings,
+    vibrating: float,
+) -> FittedStretch:
+    """All of an experiment at once; arguments as of :func:`fit_jointly`."""
+    readings = read(experiment, start, tell, settings=settings)
+    begun = begin(readings, tell, thorough=False)
+    return stretch_of(readings, fit_readings(readings, begun, tell, vibrating=vibrating))
+
+
+def fit_by_windows(
+    experiment: Experiment,
+    start: CalibrationValues | None,
+    tell: Tell,
+    settings: FitSettings,
+    vibrating: float,
+) -> Posterior:
+    """A long recording, window by window about what a part of it tells, and again about what the
+    whole does where that is far away; arguments as of :func:`fit_jointly`.
+
+    Motion and forces of a window are linearised and looked at for what stands out about body,
+    calibration, noise and disturbances that are given; what they say of these is added up.
+    """
+    lively = lively_parts(experiment, settings.part_jointly, settings)
+    part = _whole(
+        lively, start, lambda what, done: tell(what, 0.2 * done), settings, vibrating
+    ).fitted
+    # Fewer stretches tell the scatter between them as well, and matrices of each take memory.
+    wide = replace(settings, block=settings.long_block)
+    part = replace(part, task=replace(part.task, settings=wide))
+    runs = list(windows(experiment, settings))
+    for _ in range(settings.most_passes):
+        found: list[FittedStretch] = []
+        for i, run in enumerate(runs):
+            tell("window by window", 0.2 + 0.75 * i / len(runs))
+            found += _about(part, experiment, run)
+        found[-1] = _with_all_contacts(found)
+        whole = concluded(found)
+        state = whole.fit.state
+        about = part.fit.state.parameters
+        assert state.parameters is not None
+        assert about is not None
+        moved = state.parameters - about
+        deviation = np.sqrt(np.maximum(np.diag(whole.body_covariance), 0.0))
+        if np.all(np.abs(moved) <= settings.small_step * deviation):
+            break
+        part = replace(
+            part,
+            fit=replace(
+                part.fit,
+                state=replace(
+                    part.fit.state, calibration=state.calibration, parameters=state.parameters
+                ),
+            ),
+        )
+    return whole
+
+
+def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch]:
+    """A window of a long recording, without the readings that stand out of it."""
+    begun = window_about(part, experiment, run)
+    if begun is None:
+        return []
+    readings, state = begun
+    contacts: dict[str, list[tuple[float, float]]] = {}
+    spikes: dict[str, int] = {}
+    force_samples = readings.force_samples
+    for turn in range(readings.settings.cuts):
+        task = replace(part.task, experiment=experiment, force_samples=force_samples)
+        state = _with_forces(task, state)
+        fitted = replace(
+            part,
+            task=task,
+            fit=replace(part.fit, state=state),
+            force_samples=force_samples,
+            lost=(),
+            contacts=contacts,
+            spikes=spikes,
+        )
+        if turn == readings.settings.cuts - 1:
+            break
+        looked = [
+            look(at, forces, forces.sigmas(segment, state.factors), readings.settings)
+            for segment, at, forces in zip(
+                state.segments, fitted.balances, force_samples, strict=True
+            )
+        ]
+        if not any(each.changed for each in looked):
+            break
+        for segment, each in zip(state.segments, looked, strict=True):
+            contacts.setdefault(segment.run, []).extend(each.contacts)
+            spikes[segment.run] = spikes.get(segment.run, 0) + len(each.spikes)
+        force_samples = tuple(each.force_samples for each in looked)
+    return [without_knots(stretch_of(readings, fitted))]
+
+
+def _with_forces(task: Task, state: FitState) -> FitState:
+    """The motion that the forces tell too, with body and calibration held."""
+    for _ in range(task.settings.stretch_iterations):
+        parts, _ = linearise(task, state)
+        equations = smooth(state, [each.all for each in parts])
+        segments = tuple(
+            replace(
+                segment,
+                coefficients=segment.coefficients + each.settled.reshape(-1, segment.block),
+            )
+            for segment, each in zip(state.segments, equations, strict=True)
+        )
+        state = replace(state, segments=segments)
+        if sum(float(each.motion_gradient @ each.settled) for each in equations) < (
+            task.settings.arrived
+        ):
+            break
+    return state
+
+
+def _with_all_contacts(found: Sequence[FittedStretch]) -> FittedStretch:
+    """The last window with what was left out of all of them."""
+    contacts: dict[str, list[tuple[float, float]]] = {}
+    spikes: dict[str, int] = {}
+    for each in found:
+        for run, own in each.fitted.contacts.items():
+            contacts.setdefault(run, []).extend(own)
+        for run, count in each.fitted.spikes.items():
+            spikes[run] = spikes.get(run, 0) + count
+    last = found[-1]
+    return replace(last, fitted=replace(last.fitted, contacts=contacts, spikes=spikes))
 
 
 def fit_readings(

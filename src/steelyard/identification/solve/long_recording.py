@@ -1,5 +1,5 @@
 """Parts of long recordings: the lively one that tells calibration, noise and smoothness, and windows
-that a fit has the memory for.
+that a fit has the memory for, about these.
 """
 
 from __future__ import annotations
@@ -12,7 +12,14 @@ import numpy as np
 
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
+from steelyard.identification.model.motion_segment import Segment
+from steelyard.identification.model.processes import integrals_of
 from steelyard.identification.model.sources import choose_sources
+from steelyard.identification.solve.beginning import Readings, motion_task, on_force_clock, read
+from steelyard.identification.solve.conclusion import Fitted
+from steelyard.identification.solve.fit_state import FitState, Task, linearise, smooth
+from steelyard.identification.solve.misfits.jitter import with_jitter
+from steelyard.identification.solve.newton_step import step_of
 from steelyard.identification.solve.settings import FIT, FitSettings
 
 
@@ -22,15 +29,16 @@ def moving_length(experiment: Experiment) -> float:
     return sum(end - start for start, end in spans)
 
 
-def lively_parts(experiment: Experiment, settings: FitSettings = FIT) -> Experiment:
+def lively_parts(experiment: Experiment, length: float, settings: FitSettings = FIT) -> Experiment:
     """The experiment with the stretch of every run where most happens.
 
     Args:
         experiment: With all of its runs.
-        settings: With the length of all stretches in motion together.
+        length: Of all stretches in motion together [s].
+        settings: With the least length of a stretch.
     """
     moving = sum(not run.static for run in experiment.runs)
-    longest = max(settings.shortest_part, settings.part / max(1, moving))
+    longest = max(settings.shortest_part, length / max(1, moving))
     runs = [run if run.static else _stretch(experiment, run, longest) for run in experiment.runs]
     return replace(experiment, runs=tuple(runs))
 
@@ -45,6 +53,49 @@ def windows(experiment: Experiment, settings: FitSettings = FIT) -> Iterator[Run
         edges = np.linspace(start, end, max(1, round((end - start) / settings.window)) + 1)
         for first, last in pairwise(edges):
             yield replace(run, window=(float(first), float(last)))
+
+
+def window_about(
+    part: Fitted, experiment: Experiment, run: Run
+) -> tuple[Readings, FitState] | None:
+    """A window with its motion as the motion instruments alone give it, about calibration, noise and
+    smoothness of a part, in the time of the forces; None: it has no segment.
+    """
+    known = part.fit.state
+    readings = read(
+        experiment, known.calibration, lambda what, fraction: None, [run], part.task.settings
+    )
+    if not readings.segments:
+        return None
+    like = next((each for each in known.segments if not each.static), None)
+    segments = tuple(
+        segment if segment.static or like is None else _alike(segment, like)
+        for segment in readings.segments
+    )
+    task = replace(
+        motion_task(readings), experiment=experiment, active=np.zeros_like(part.task.active)
+    )
+    state = FitState(segments, known.calibration, None, known.factors, known.jitters)
+    state = _motion_about(*with_jitter(task, state))
+    return readings, replace(on_force_clock(experiment, state), parameters=known.parameters)
+
+
+def _alike(segment: Segment, like: Segment) -> Segment:
+    """A segment as smooth as another, with the same disturbances."""
+    integrals = integrals_of(segment.knots)
+    processes = tuple(replace(each, integrals=integrals) for each in like.processes)
+    return replace(segment, smoothness=like.smoothness).disturbed(processes)
+
+
+def _motion_about(task: Task, state: FitState) -> FitState:
+    """The motion with the calibration held."""
+    for _ in range(task.settings.stretch_iterations):
+        parts, _tally = linearise(task, state)
+        step = step_of(task, state, smooth(state, [each.all for each in parts]))
+        state = step.along(task, state, 1.0)
+        if step.decrement < task.settings.beginning_arrived:
+            break
+    return state
 
 
 def span_of(experiment: Experiment, run: Run) -> tuple[float, float]:

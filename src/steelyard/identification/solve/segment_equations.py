@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,26 @@ _LOOKED_AT = 500
 """Samples that show how much noise the fitted motion has in the regressor."""
 
 
+class BalanceCourse(NamedTuple):
+    """What is kept of a balance of many: forces and motion along a window of a long recording."""
+
+    time: Array
+    """Within the segment [s], shape (n,)."""
+    motion: Mapping[str, Array]
+    """As of :class:`.Balance`."""
+    wrench: Array
+    """On the platform, of the measured readings [N], [N m], shape (n, 6)."""
+    carried: Array
+    """Tension, or wrench, of the corrected readings, shape (n, m) or (n, 6)."""
+    structure: Array | None
+    """Shape (n, 6, m); None without cables."""
+
+    @classmethod
+    def of(cls, at: Balance | BalanceCourse) -> BalanceCourse:
+        """Of a balance."""
+        return cls(at.time, at.motion, at.wrench, at.carried, at.structure)
+
+
 @dataclass(frozen=True, eq=False)
 class SegmentEquations:
     """One segment with its equations."""
@@ -46,7 +66,7 @@ class SegmentEquations:
     segment: Segment
     force_samples: Forces
     balances: tuple[Balance, ...]
-    """Some samples at a time."""
+    """Some samples at a time; none of windows, see :attr:`courses`."""
     weight: Array
     """Of every sample, shape (n,)."""
     equations: BorderEquations
@@ -56,11 +76,19 @@ class SegmentEquations:
     covariance: Array
     """Of the coefficients of the motion, lower banded form, shape (42, N)."""
     followed: Array
-    """How these follow the border, with the opposite sign, shape (N, k)."""
+    """How these follow the border, with the opposite sign, shape (N, k); of windows of a long
+    recording, of which there are many, by what is estimated, shape (N, e)."""
     tally: Tally
     """Of the residuals."""
     spent: Mapping[Label, float]
     """What rows are of -> degrees of freedom that the motion takes of them."""
+    kept: tuple[BalanceCourse, ...] = ()
+    """Of windows of a long recording, in place of the balances."""
+
+    @property
+    def courses(self) -> tuple[BalanceCourse, ...]:
+        """Forces and motion along the segment, some samples at a time."""
+        return self.kept or tuple(map(BalanceCourse.of, self.balances))
 
 
 def border_of(task: Task) -> int:

@@ -228,6 +228,18 @@ class FitSettings:
     """The same in spacings of the knots: neighbours share their motion."""
     most_blocks: int = 60
     """Of a segment: more tell no more about their scatter."""
+    long_jointly: float = 900.0
+    """Length of recording beyond which motion and forces are fitted window by window too [s]: what
+    they take of memory grows by 1.6 MiB a second at some hundred samples a second."""
+    part_jointly: float = 240.0
+    """Length of it that tells calibration, noise and smoothness first [s]: the step from there to what
+    the whole says is one of a few 1-sigma of the whole, and linear."""
+    long_block: float = 10.0
+    """Least length of the stretches that are held against each other then [s]."""
+    most_passes: int = 3
+    """Through the windows: one where the step is small, more where it is not."""
+    small_step: float = 6.0
+    """Largest step of a pass, in 1-sigma of the whole, that is linear."""
     long: float = 180.0
     """Length of recording beyond which the linear methods fit it window by window [s]: the memory
     that a fit takes grows by some MiB a second."""

@@ -1,0 +1,77 @@
+"""Motion and forces of a long recording, window by window, against all of it at once."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import ROBOT, Recorder, Touched
+
+from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.solve.joint_motion import fit_jointly
+from steelyard.identification.solve.settings import FIT
+from steelyard.simulation.trajectories import feasible_multisine
+
+pytestmark = pytest.mark.integration
+
+LENGTH = 36.0  # [s]
+WINDOWS = replace(FIT, long_jointly=20.0, part_jointly=15.0, window=12.0, long_block=2.0)
+RECORDER = Recorder(feasible_multisine(ROBOT, LENGTH))
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    return RECORDER(3)
+
+
+def test_windows_tell_what_the_whole_tells(recorded):
+    whole, by_windows = fit_jointly(recorded), fit_jointly(recorded, settings=WINDOWS)
+    assert len(whole.fit.state.segments) == 1
+    assert len(by_windows.fit.state.segments) == 3
+    one, other = MaximumLikelihood().of(whole), MaximumLikelihood().of(by_windows)
+    sigma = one.standard_deviation
+    # The motion need not go on from one window to the next, and noise is what a part has shown.
+    assert (np.abs(other.value - one.value) < 0.3 * sigma).all()
+    assert other.standard_deviation == pytest.approx(sigma, rel=0.1)
+    assert one.verdict.accepted
+    assert other.verdict.accepted, other.verdict.reasons
+
+
+def test_the_motion_of_all_windows_is_there(recorded):
+    whole, by_windows = fit_jointly(recorded), fit_jointly(recorded, settings=WINDOWS)
+    (motion,) = whole.motion
+    assert len(by_windows.motion) == 3
+    time = np.concatenate([each.time for each in by_windows.motion])
+    assert np.ptp(time) == pytest.approx(np.ptp(motion.time), abs=0.1)
+    inside = (by_windows.motion[1].time > 14) & (by_windows.motion[1].time < 22)
+    own = by_windows.motion[1]
+    for name, values in own.values.items():
+        others = np.stack(
+            [np.interp(own.time[inside], motion.time, each) for each in motion.values[name].T],
+            axis=1,
+        )
+        sigma = np.maximum(own.sigma[name][inside], 1e-9)
+        # On other knots.
+        assert np.median(np.abs(values[inside] - others) / sigma) < 1.0
+    assert len(by_windows.samples[0]) == len(by_windows.weights["run"])
+
+
+def test_a_hand_in_any_window_is_found(recorded):
+    touched = replace(RECORDER)
+    touched.__dict__["response"] = Touched(RECORDER.response)
+    found = fit_jointly(touched(3), settings=replace(WINDOWS, part_jointly=12.0))
+    (start, end), *_ = sorted(found.contacts["run"])
+    assert start == pytest.approx(5.0, abs=0.2)
+    assert max(until for _, until in found.contacts["run"]) == pytest.approx(7.0, abs=0.2)
+    assert end > start
+
+
+def test_a_step_that_is_far_is_taken_again(recorded):
+    """Each pass is about what the one before has found; it ends where it hardly moves."""
+    told = []
+    fit_jointly(
+        recorded,
+        lambda what, fraction: told.append((what, fraction)),
+        settings=replace(WINDOWS, small_step=1e-3, most_passes=2),
+    )
+    passes = [fraction for what, fraction in told if what.endswith("window by window")]
+    assert len(passes) == 2 * 3
