@@ -72,6 +72,7 @@ from steelyard.identification.solve.misfits.undisturbed_swings import undisturbe
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.identification.solve.stated_processes import with_stated
+from steelyard.processes.heap import give_back
 
 _SAME_TENSION = 0.01
 """Part of the usual tension by which one may move without lengths being looked at again."""
@@ -153,6 +154,8 @@ def fit_by_windows(
         found: list[FittedStretch] = []
         for i, run in enumerate(runs):
             tell("window by window", 0.2 + 0.75 * i / len(runs))
+            # What stays of each window is made between large matrices.
+            give_back()
             found += _about(part, experiment, run)
         found[-1] = _with_all_contacts(found)
         whole = concluded(found)
