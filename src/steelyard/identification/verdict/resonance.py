@@ -43,9 +43,9 @@ half is seen, and more than nine tenths where it is looked at more closely."""
 _NEAR = 9
 """Frequencies between those about the likeliest, where it is looked at more closely."""
 _BESIDE = 1.4
-"""Of frequencies beside a resonance, at most."""
+"""Of frequencies beside a resonance."""
 _WIDTHS = 4.0
-"""Of its line, by which these are beside it where that is less."""
+"""Of its line, by which others are beside it where that is less."""
 _SHARP = 3.0
 """By how much more the cost falls at a resonance than beside it: seven times and more for loads of a
 percent of a platform; 1.3 where a platform that swings freely rubs in a way that its friction is not."""
@@ -205,12 +205,12 @@ def _is_resonance(
     """Whether it is surely there, and at no other frequency."""
     if float(chi2_tail(test.fall, len(test.pull))) * trials > _CHANCE:
         return False
-    reach = _WIDTHS * _width(frequency, asked[0].kind.damping[-1], duration)
-    beside = (
-        min(frequency * _BESIDE, frequency + reach),
-        max(frequency / _BESIDE, frequency - reach),
+    reach = 1 + _WIDTHS * _width(frequency, asked[0].kind.damping[-1], duration) / frequency
+    return all(
+        test.fall > _SHARP * _tested(asked, each).fall
+        for factor in {_BESIDE, min(reach, _BESIDE)}
+        for each in (frequency * factor, frequency / factor)
     )
-    return all(test.fall > _SHARP * _tested(asked, each).fall for each in beside)
 
 
 @dataclass(frozen=True, eq=False)
