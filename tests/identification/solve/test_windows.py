@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated import ROBOT, Recorder, Touched
+from simulated import ROBOT, Loaded, Recorder, Touched, payload
 
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.solve.joint_motion import fit_jointly
@@ -63,6 +63,15 @@ def test_a_hand_in_any_window_is_found(recorded):
     assert start == pytest.approx(5.0, abs=0.2)
     assert max(until for _, until in found.contacts["run"]) == pytest.approx(7.0, abs=0.2)
     assert end > start
+
+
+def test_a_load_that_is_picked_up_after_the_part_is_in_the_verdict(recorded):
+    loaded = replace(RECORDER)
+    loaded.__dict__["response"] = Loaded(RECORDER.response, payload(8.0), since=26.0)
+    experiment = loaded(3)
+    settings = replace(WINDOWS, part_jointly=15.0)
+    found = MaximumLikelihood(settings=settings)(experiment)
+    assert not found.verdict.accepted
 
 
 def test_a_step_that_is_far_is_taken_again(recorded):

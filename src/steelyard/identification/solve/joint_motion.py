@@ -143,9 +143,11 @@ def fit_by_windows(
     calibration, noise and disturbances that are given; what they say of these is added up.
     """
     lively = lively_parts(experiment, settings.part_jointly, settings)
-    part = _whole(
-        lively, start, lambda what, done: tell(what, 0.2 * done), settings, vibrating
-    ).fitted
+    stretch = _whole(lively, start, lambda what, done: tell(what, 0.2 * done), settings, vibrating)
+    part = stretch.fitted
+    if _on_finer_knots(stretch):
+        # What vibrates asks for knots that windows do not choose by themselves.
+        return concluded([_whole(experiment, start, tell, settings, vibrating)])
     # Fewer stretches tell the scatter between them as well, and matrices of each take memory.
     wide = replace(settings, block=settings.long_block)
     part = replace(part, task=replace(part.task, settings=wide))
@@ -177,6 +179,15 @@ def fit_by_windows(
             ),
         )
     return whole
+
+
+def _on_finer_knots(stretch: FittedStretch) -> bool:
+    """Whether a fit has taken finer knots than its readings begin with."""
+    own, first = (
+        min((each.spacing for each in segments if not each.static), default=np.inf)
+        for segments in (stretch.fitted.fit.state.segments, stretch.readings.segments)
+    )
+    return own < stretch.readings.settings.much_finer * first
 
 
 def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch]:
