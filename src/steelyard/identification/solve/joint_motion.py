@@ -29,6 +29,7 @@ from steelyard.identification.solve.between_fits.cuts import (
     cut,
     cut_anew,
     joined_contacts,
+    without_standing_out,
     without_touched,
 )
 from steelyard.identification.solve.between_fits.finer_knots import (
@@ -63,7 +64,6 @@ from steelyard.identification.solve.long_recording import (
 )
 from steelyard.identification.solve.misfits.disturbances import with_disturbances
 from steelyard.identification.solve.misfits.jitter import with_jitter, with_jitter_found
-from steelyard.identification.solve.misfits.outliers import look
 from steelyard.identification.solve.misfits.suspicions import (
     with_suspicions,
     without_needless,
@@ -196,35 +196,16 @@ def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch
     if begun is None:
         return []
     readings, state = begun
-    contacts: dict[str, list[tuple[float, float]]] = {}
-    spikes: dict[str, int] = {}
-    force_samples = readings.force_samples
+    fitted = replace(part, force_samples=readings.force_samples, lost=(), contacts={}, spikes={})
+    fewer: Fitted | None = fitted
     for turn in range(readings.settings.cuts):
-        task = replace(part.task, experiment=experiment, force_samples=force_samples)
+        if fewer is None:
+            break
+        task = replace(part.task, experiment=experiment, force_samples=fewer.force_samples)
         state = _with_forces(task, state)
-        fitted = replace(
-            part,
-            task=task,
-            fit=replace(part.fit, state=state),
-            force_samples=force_samples,
-            lost=(),
-            contacts=contacts,
-            spikes=spikes,
-        )
-        if turn == readings.settings.cuts - 1:
-            break
-        looked = [
-            look(at, forces, forces.sigmas(segment, state.factors), readings.settings)
-            for segment, at, forces in zip(
-                state.segments, fitted.balances, force_samples, strict=True
-            )
-        ]
-        if not any(each.changed for each in looked):
-            break
-        for segment, each in zip(state.segments, looked, strict=True):
-            contacts.setdefault(segment.run, []).extend(each.contacts)
-            spikes[segment.run] = spikes.get(segment.run, 0) + len(each.spikes)
-        force_samples = tuple(each.force_samples for each in looked)
+        fitted = replace(fewer, task=task, fit=replace(part.fit, state=state))
+        last = turn == readings.settings.cuts - 1
+        fewer = None if last else without_standing_out(fitted, readings.settings)
     return [without_knots(stretch_of(readings, fitted))]
 
 
@@ -250,11 +231,10 @@ def _with_forces(task: Task, state: FitState) -> FitState:
 
 def _with_all_contacts(found: Sequence[FittedStretch]) -> FittedStretch:
     """The last window with what was left out of all of them."""
-    contacts: dict[str, list[tuple[float, float]]] = {}
+    contacts: Mapping[str, Sequence[tuple[float, float]]] = {}
     spikes: dict[str, int] = {}
     for each in found:
-        for run, own in each.fitted.contacts.items():
-            contacts.setdefault(run, []).extend(own)
+        contacts = joined_contacts(contacts, each.fitted.contacts)
         for run, count in each.fitted.spikes.items():
             spikes[run] = spikes.get(run, 0) + count
     last = found[-1]

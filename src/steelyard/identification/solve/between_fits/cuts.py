@@ -40,8 +40,8 @@ def cut(
     """
     settings = readings.settings
     force_samples = tuple(each for each in task.force_samples if each is not None)
-    contacts = {run: list(each) for run, each in begun.touched.items()}
-    spikes: dict[str, int] = {}
+    contacts: Mapping[str, Sequence[tuple[float, float]]] = begun.touched
+    spikes: Mapping[str, int] = {}
     first = state
     for turn in range(settings.cuts):
         task = replace(task, force_samples=force_samples)
@@ -68,19 +68,31 @@ def cut(
         if last or (not vibrations and vibrations_of(readings, fitted)):
             # What is to be followed more closely need not be looked at for what stands out of it.
             break
-        looked = [
-            look(at, forces, forces.sigmas(segment, found.state.factors), settings)
-            for segment, at, forces in zip(
-                found.state.segments, fitted.balances, force_samples, strict=True
-            )
-        ]
-        if not any(each.changed for each in looked):
+        fewer = without_standing_out(fitted, settings)
+        if fewer is None:
             break
-        for segment, each in zip(state.segments, looked, strict=True):
-            contacts.setdefault(segment.run, []).extend(each.contacts)
-            spikes[segment.run] = spikes.get(segment.run, 0) + len(each.spikes)
-        force_samples = tuple(each.force_samples for each in looked)
+        force_samples, contacts, spikes = fewer.force_samples, fewer.contacts, fewer.spikes
     return fitted
+
+
+def without_standing_out(fitted: Fitted, settings: FitSettings) -> Fitted | None:
+    """Fitted without the force readings that stand out of it; None: none does."""
+    state = fitted.fit.state
+    looked = [
+        look(at, forces, forces.sigmas(segment, state.factors), settings)
+        for segment, at, forces in zip(
+            state.segments, fitted.balances, fitted.force_samples, strict=True
+        )
+    ]
+    if not any(each.changed for each in looked):
+        return None
+    contacts = {run: list(each) for run, each in fitted.contacts.items()}
+    spikes = dict(fitted.spikes)
+    for segment, each in zip(state.segments, looked, strict=True):
+        contacts.setdefault(segment.run, []).extend(each.contacts)
+        spikes[segment.run] = spikes.get(segment.run, 0) + len(each.spikes)
+    samples = tuple(each.force_samples for each in looked)
+    return replace(fitted, force_samples=samples, contacts=contacts, spikes=spikes)
 
 
 def cut_anew(readings: Readings, begun: Beginning, found: Fitted, tell: Tell) -> Fitted:
