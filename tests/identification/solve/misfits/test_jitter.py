@@ -1,20 +1,15 @@
 """Time stamps that scatter."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
-from identification.model.test_motion_residuals import Case
 from scipy.stats import chi2
 from simulated import PAPER, RECORDER, TRUTH, changed, sound
 
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.model.motion_segment import Reading
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.misfits.jitter import (
     _changes,
     _lag,
-    _residual_and_rate,
     _Scattering,
 )
 from steelyard.identification.solve.settings import FIT
@@ -94,9 +89,10 @@ def test_stamps_of_the_forces_widen_their_noise_where_they_change():
     assert error @ np.linalg.solve(found.covariance, error) < chi2.ppf(1 - 1e-3, 10)
 
 
-def test_an_encoder_of_a_winch_that_stands_still_is_never_late():
+@pytest.mark.parametrize("step", [0.005, 0.02, 0.125])
+def test_an_encoder_of_a_winch_that_stands_still_is_never_late(step):
     """The platform swings, its cables stretch; the encoders read noise."""
-    time = np.arange(0.0, 20.0, 0.005)
+    time = np.arange(0.0, 20.0, step)
     rng = np.random.default_rng(3)
     noise = 5e-4 * rng.standard_normal((len(time), 1))
 
@@ -108,27 +104,3 @@ def test_an_encoder_of_a_winch_that_stands_still_is_never_late():
     # Stamps that scatter by a tenth of a period hide no change.
     late = np.abs(0.07 * rng.standard_normal(len(time)))
     assert changes(0.01 * np.sin(9 * (time - late))[:, None])
-
-
-def test_a_cable_that_stretches_is_read_no_faster_for_it():
-    """Against differences of what is read, with tensions that change by thousands of newtons a
-    second."""
-    case = Case()
-    time = np.linspace(case.segment.span[0] + 0.2, case.segment.span[1] - 0.2, 400)
-    step = float(time[1] - time[0])
-
-    def of(tension):
-        values = np.zeros((len(time), 8))
-        reading = Reading(("winches", "length"), time, values, 1.0, tension)
-        task = SimpleNamespace(
-            experiment=case.experiment, calibration_parameters=case.calibration_parameters
-        )
-        state = SimpleNamespace(calibration=case.calibration)
-        return _residual_and_rate(task, state, case.segment, reading)
-
-    waves = 600 + 400 * np.sin(2 * np.pi * time[:, None] / 1.5 + np.arange(8))
-    residual, rate = of(waves)
-    change = np.gradient(residual, step, axis=0)
-    inside = slice(20, -20)
-    by_tension = np.abs(rate - of(np.full_like(waves, 600.0))[1])[inside].max()
-    assert np.abs(rate - change)[inside].max() < 0.03 * by_tension

@@ -218,9 +218,9 @@ def _changes(values: Array, time: Array, lag: int, rate: Array) -> bool:
     if values.ndim > rate.ndim:
         return True
     after = lag * float(np.median(np.diff(time)))
-    # Noise is in both differences alike.
-    seen = np.mean((values[lag:] - values[:-lag]) ** 2) - np.mean(np.diff(values, axis=0) ** 2)
-    return bool(seen > _CHANGING * after**2 * np.mean(rate**2))
+    # Noise is alike in differences over one and over two lags; what changes steadily is not.
+    one, two = (np.mean((values[each:] - values[:-each]) ** 2) for each in (lag, 2 * lag))
+    return bool(two - one > _CHANGING * 3 * after**2 * np.mean(rate**2))
 
 
 def _lag(time: Array) -> int:
@@ -241,25 +241,15 @@ def _residual_and_rate(
     )
     by = (linear["by_pose"], linear["by_rate"], linear["by_acceleration"])
     residual = linear["residual"] + segment.disturbance_of(reading.source, local)
-    rate = rate_along(by, motion)
-    if reading.tension is not None:
-        # A cable on a winch that stands still stretches as the platform moves: what an encoder
-        # reads of it does not change.
-        change = _rates(reading.time, reading.tension)
-        rate = rate + np.einsum("nkm,nm->nk", linear["by_tension"], change)
-    return np.asarray(residual), rate
+    return np.asarray(residual), rate_along(by, motion)
 
 
 def _force_rates(forces: Forces) -> Array:
     """By how much force readings change in a second, shape (n, r)."""
-    return _rates(forces.time, np.hstack(list(forces.readings.values())))
-
-
-def _rates(time: Array, values: Array) -> Array:
-    """By how much noisy readings change in a second, shape (n, k)."""
     from scipy.signal import savgol_filter
 
-    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    values = np.hstack(list(forces.readings.values()))
+    step = float(np.median(np.diff(forces.time))) if len(forces.time) > 1 else 1.0
     many = 2 * max(_FEWEST // 2, round(_HALF / max(step, 1e-6))) + 1
     if len(values) <= many:
         return np.zeros_like(values)
