@@ -134,8 +134,7 @@ def without_knots(chunk: FittedStretch) -> FittedStretch:
             part,
             segment=replace(part.segment, jerks={}),
             followed=part.followed[:, estimated].astype(np.float32),
-            balances=(),
-            kept=part.courses,
+            balances=tuple(map(BalanceCourse.of, part.balances)),
         )
         for part in chunk.parts
     )
@@ -178,11 +177,14 @@ def concluded(chunks: Sequence[FittedStretch], *, courses: bool = True) -> Poste
     )
     sources = _force_sources(fitted)
     blocks = together([part.blocks for part in parts])
-    if len(chunks) > 1 and not len(found.bias):
-        # Windows whose motion was not held.
-        step = np.concatenate([solution.value[:TEN] - found.state.parameters, solution.value[TEN:]])
-        parts = [_moved(part, step, estimated) for part in parts]
-    state = _whole(found.state, parts, solution, several=len(chunks) > 1)
+    state = found.state
+    if len(chunks) > 1:
+        if not len(found.bias):
+            # The motion was not held.
+            step = solution.value.copy()
+            step[:TEN] -= found.state.parameters
+            parts = [_moved(part, step, estimated) for part in parts]
+        state = _whole(state, parts, solution)
     result = Posterior(
         experiment=experiment,
         fit=replace(found, state=state),
@@ -266,12 +268,8 @@ def _followed(part: SegmentEquations, estimated: NDArray[np.bool_]) -> Array:
     return part.followed[:, estimated] if every else part.followed
 
 
-def _whole(
-    state: FitState, parts: Sequence[SegmentEquations], solution: Solution, *, several: bool
-) -> FitState:
-    """The state of all chunks together."""
-    if not several:
-        return state
+def _whole(state: FitState, parts: Sequence[SegmentEquations], solution: Solution) -> FitState:
+    """The state of all windows together."""
     # About the calibration of a part; the step that the whole makes is small.
     values = state.calibration.values + solution.value[TEN:]
     segments = tuple(part.segment for part in parts)
@@ -368,7 +366,7 @@ def _weights(parts: Sequence[SegmentEquations], held_out: frozenset[str]) -> dic
     for part in parts:
         if part.segment.run in held_out:
             continue
-        inside = np.concatenate([part.segment.holds(each.time) for each in part.courses])
+        inside = np.concatenate([part.segment.holds(each.time) for each in part.balances])
         named = part.force_samples.left_out.any(axis=1) | ~inside
         found.setdefault(part.segment.run, []).append(np.where(named, 1.0, part.weight))
     return {run: np.concatenate(each) for run, each in found.items()}
@@ -413,14 +411,14 @@ def _samples(run: Run, chunks: Sequence[FittedStretch]) -> Samples:
     """
     prepared: Samples | None = None
     segments: list[Segment] = []
-    own: list[BalanceCourse] = []
+    own: list[Balance | BalanceCourse] = []
     for chunk in chunks:
         for each, samples in zip(chunk.readings.runs, chunk.readings.samples, strict=True):
             prepared = prepared or (samples if each.name == run.name else None)
         for part in chunk.parts:
             if part.segment.run == run.name:
                 segments.append(part.segment)
-                own += part.courses
+                own += part.balances
     assert prepared is not None
     if not own:
         return prepared
@@ -443,6 +441,6 @@ def _samples(run: Run, chunks: Sequence[FittedStretch]) -> Samples:
     )
 
 
-def _structure(at: BalanceCourse) -> Array:
+def _structure(at: Balance | BalanceCourse) -> Array:
     assert at.structure is not None
     return at.structure

@@ -161,23 +161,14 @@ def fit_by_windows(
             found += _about(part, experiment, run)
         found[-1] = _with_all_contacts(found)
         whole = concluded(found)
-        state = whole.fit.state
-        about = part.fit.state.parameters
-        assert state.parameters is not None
-        assert about is not None
-        moved = state.parameters - about
+        about, there = part.fit.state, whole.fit.state
+        assert about.parameters is not None
         deviation = np.sqrt(np.maximum(np.diag(whole.body_covariance), 0.0))
-        if np.all(np.abs(moved) <= settings.small_step * deviation):
+        moved = np.abs(whole.parameters - about.parameters)
+        if np.all(moved <= settings.small_step * deviation):
             break
-        part = replace(
-            part,
-            fit=replace(
-                part.fit,
-                state=replace(
-                    part.fit.state, calibration=state.calibration, parameters=state.parameters
-                ),
-            ),
-        )
+        about = replace(about, calibration=there.calibration, parameters=there.parameters)
+        part = replace(part, fit=replace(part.fit, state=about))
     return whole
 
 
@@ -197,15 +188,16 @@ def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch
         return []
     readings, state = begun
     fitted = replace(part, force_samples=readings.force_samples, lost=(), contacts={}, spikes={})
-    fewer: Fitted | None = fitted
     for turn in range(readings.settings.cuts):
+        task = replace(part.task, experiment=experiment, force_samples=fitted.force_samples)
+        state = _with_forces(task, state)
+        fitted = replace(fitted, task=task, fit=replace(part.fit, state=state))
+        if turn == readings.settings.cuts - 1:
+            break
+        fewer = without_standing_out(fitted, readings.settings)
         if fewer is None:
             break
-        task = replace(part.task, experiment=experiment, force_samples=fewer.force_samples)
-        state = _with_forces(task, state)
-        fitted = replace(fewer, task=task, fit=replace(part.fit, state=state))
-        last = turn == readings.settings.cuts - 1
-        fewer = None if last else without_standing_out(fitted, readings.settings)
+        fitted = fewer
     return [without_knots(stretch_of(readings, fitted))]
 
 

@@ -55,7 +55,7 @@ class BalanceCourse(NamedTuple):
 
     @classmethod
     def of(cls, at: Balance | BalanceCourse) -> BalanceCourse:
-        """Of a balance."""
+        """Of a balance, or of what is kept of one."""
         return cls(at.time, at.motion, at.wrench, at.carried, at.structure)
 
 
@@ -65,8 +65,8 @@ class SegmentEquations:
 
     segment: Segment
     force_samples: Forces
-    balances: tuple[Balance, ...]
-    """Some samples at a time; none of windows, see :attr:`courses`."""
+    balances: tuple[Balance | BalanceCourse, ...]
+    """Some samples at a time; of windows of a long recording what is kept of them."""
     weight: Array
     """Of every sample, shape (n,)."""
     equations: BorderEquations
@@ -82,13 +82,6 @@ class SegmentEquations:
     """Of the residuals."""
     spent: Mapping[Label, float]
     """What rows are of -> degrees of freedom that the motion takes of them."""
-    kept: tuple[BalanceCourse, ...] = ()
-    """Of windows of a long recording, in place of the balances."""
-
-    @property
-    def courses(self) -> tuple[BalanceCourse, ...]:
-        """Forces and motion along the segment, some samples at a time."""
-        return self.kept or tuple(map(BalanceCourse.of, self.balances))
 
 
 def border_of(task: Task) -> int:

@@ -239,8 +239,8 @@ class FitSettings:
     most_passes: int = 3
     """Through the windows: one where the step is small, more where it is not."""
     small_step: float = 10.0
-    """Largest step of a pass, in 1-sigma of the whole, that is linear: after steps of two to five a
-    second pass moved the ten by less than a hundredth."""
+    """Largest step of a pass, in 1-sigma of the whole, that is linear: in ten minutes about two of them
+    a second pass moved the ten by a hundredth."""
     long: float = 180.0
     """Length of recording beyond which the linear methods fit it window by window [s]: the memory
     that a fit takes grows by some MiB a second."""
