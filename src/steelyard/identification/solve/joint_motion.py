@@ -72,6 +72,7 @@ from steelyard.identification.solve.misfits.undisturbed_swings import undisturbe
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.identification.solve.stated_processes import with_stated
+from steelyard.inertia import TEN
 from steelyard.processes.heap import give_back
 
 _SAME_TENSION = 0.01
@@ -163,7 +164,7 @@ def fit_by_windows(
         whole = concluded(found)
         about, there = part.fit.state, whole.fit.state
         assert about.parameters is not None
-        deviation = np.sqrt(np.maximum(np.diag(whole.body_covariance), 0.0))
+        deviation = np.sqrt(np.maximum(np.diag(whole.solution.covariance)[:TEN], 0.0))
         moved = np.abs(whole.parameters - about.parameters)
         if np.all(moved <= settings.small_step * deviation):
             break
