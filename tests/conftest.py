@@ -15,6 +15,8 @@ from itertools import combinations
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Results made twice are the same bytes only with a stated time: a second may pass between them.
 os.environ["SOURCE_DATE_EPOCH"] = "1700000000"
+# Sentences are broken at the same words on every machine.
+os.environ["COLUMNS"] = "80"
 
 import numpy as np
 import pytest

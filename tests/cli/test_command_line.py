@@ -682,6 +682,8 @@ def test_the_demo_tells_the_whole_story(run, tmp_path, monkeypatch):
     assert "truth" in out
     assert ": accepted" in out
     assert "not accepted" not in out
+    assert max(map(len, out.splitlines())) <= 80
+    assert "161.058 kg" in out.splitlines()[0]  # before anything is computed
     folder = tmp_path / "steelyard-demo"
     assert {"experiment.yaml", "truth.json", "estimate.json", "report.md"} <= set(files(folder))
     estimate = parsed((folder / "estimate.json").read_text())["estimates"]["two-step"]

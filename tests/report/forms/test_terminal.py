@@ -12,7 +12,7 @@ from steelyard.report.forms import terminal
 
 
 def printed(capsys, monkeypatch, document, width=160):
-    monkeypatch.setattr(terminal, "_PIPED_WIDTH", width)
+    monkeypatch.setenv("COLUMNS", str(width))
     terminal.show(document)
     return capsys.readouterr().out
 

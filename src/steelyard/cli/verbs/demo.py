@@ -22,10 +22,14 @@ def demo(out: Path, force: bool, as_json: bool, quiet: bool) -> None:
     """The whole story: simulate CoGiRo with the sensors of the paper, identify it, compare with the
     truth.
     """
+    from steelyard.output import check_target, results_folder
+
+    check_target(out, force=force)
+    if not as_json:
+        _introduce()
     with progress(quiet=quiet) as tell:
         from steelyard.identification.identify import identify
         from steelyard.identification.methods.two_step import TwoStep
-        from steelyard.output import check_target, results_folder
         from steelyard.provenance.record import write_provenance
         from steelyard.report.documents.identification import brief_of
         from steelyard.report.evidence.made import made_of
@@ -34,7 +38,6 @@ def demo(out: Path, force: bool, as_json: bool, quiet: bool) -> None:
         from steelyard.report.write import write_identification
         from steelyard.simulation.simulate import simulate, write_virtual
 
-        check_target(out, force=force)
         recorded = {}
         *simulating, first, then = parts(tell, *(1.0 for _ in _MOTIONS), 0.5, 8.0)
         for (motion, words), told in zip(_MOTIONS.items(), simulating, strict=True):
@@ -69,10 +72,8 @@ def demo(out: Path, force: bool, as_json: bool, quiet: bool) -> None:
         return
     show(brief_of(replace(summary, runs=())))
     print()
-    say(
-        f"Data, estimates and report are in {out}/ (the paper's moves in {out / 'paper-moves'}/)."
-        " Look at"
-    )
+    say(f"Data, estimates and report are in {out}/,")
+    say(f"those of the paper's moves in {out / 'paper-moves'}/. Look at")
     print(f"  {out / 'report.html'}\nin a browser, and try next:")
     print(f"  steelyard inspect {out / 'experiment.yaml'}")
     print(f"  steelyard export {out} --format urdf --out platform.urdf")
@@ -80,6 +81,18 @@ def demo(out: Path, force: bool, as_json: bool, quiet: bool) -> None:
     print("  steelyard new my-robot                  a folder to fill in")
     print("  steelyard init LOGS --robot my-robot/robot.yaml --out experiment.yaml")
     print("  steelyard identify experiment.yaml --out result")
+
+
+def _introduce() -> None:
+    """Say what is about to be done, and what should come out: all else takes some seconds."""
+    from steelyard.robot.file import read_robot
+
+    robot = read_robot("cogiro")
+    mass = robot.platform.mass if robot.platform is not None else 0.0
+    say(
+        f"CoGiRo: {robot.m} cables, and a platform of {mass:g} kg that nobody weighs. Its motion is"
+    )
+    say("simulated, recorded by the sensors of the paper, and identified from these.\n")
 
 
 def _simulating(tell: Tell | None) -> Tell | None:

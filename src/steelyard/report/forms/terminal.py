@@ -18,8 +18,6 @@ from rich.text import Text
 from steelyard.display import in_ascii, printable
 from steelyard.report.blocks.document import Document, Grid, Statement, Statements, flat
 
-_PIPED_WIDTH = 160
-"""Characters; nothing is cut where a file or a pipe reads along."""
 _GAP = 2
 """Characters between columns."""
 _LONGEST_WORD = 24
@@ -28,17 +26,17 @@ _SHORT = 12
 """Characters; texts up to this length are never broken, headings not where there is room."""
 _STYLES = {"good": "green", "bad": "red", "note": "yellow", "": ""}
 """Tone of a statement -> style."""
-_HELD = (" ± ", " +/- ")
-"""What lines do not end at: a number stays beside its uncertainty."""
+_HELD = (" ± ", " +/- ", ") mm", ") kg")
+"""What lines do not end at: a number stays beside its uncertainty and its unit."""
 
 
 def show(document: Document) -> None:
     """Print to standard output: the result, then all tables, then all other sentences, so that what
     is to be done stands where a reader looks at last.
+
+    As wide as ``COLUMNS`` says, else as the terminal; 80 characters where there is none.
     """
     screen = Console(highlight=False)
-    if not screen.is_terminal:
-        screen = Console(width=_PIPED_WIDTH, highlight=False)
     plain = not screen.encoding.lower().startswith("utf")
     screen.print(_sentence(document.lead, screen.width, plain=plain))
     blocks = flat(block for section in document.sections for block in section.blocks)
