@@ -102,7 +102,7 @@ class Inertia:
                 f"inertia: expected a symmetric matrix, found {matrix.tolist()}; products are"
                 " elements of the matrix"
             )
-        object.__setattr__(self, "inertia", readonly((matrix + matrix.T) / 2, (3, 3), "inertia"))
+        object.__setattr__(self, "inertia", readonly(matrix / 2 + matrix.T / 2, (3, 3), "inertia"))
 
     # Forms
 

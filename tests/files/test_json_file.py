@@ -44,6 +44,16 @@ def test_mistakes_are_one_sentence(tmp_path, content, message):
         read_json(path)
 
 
+def test_half_a_character_is_replaced_and_a_whole_one_stays(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text(r'["\ud83d\ude00", "\ud83d", "\ude00\ud83d", "\\ud83d", "\udb40\udc01"]')
+    whole, first, exchanged, escaped, hidden = read_json(path)
+    assert whole == "\N{GRINNING FACE}"
+    assert first == hidden == "\ufffd"  # a language tag is not seen
+    assert exchanged == "\ufffd\ufffd"
+    assert escaped == r"\ud83d"
+
+
 def test_nothing_steers_a_terminal(tmp_path):
     path = tmp_path / "a.json"
     path.write_text(

@@ -16,7 +16,11 @@ _LARGEST_FILE = 32 << 20
 _MOST_VALUES, _MOST_LISTS = 2_000_000, 100_000
 """Commas, and lists and objects: each takes many times the memory of its text. A report of 400 kB
 has 44,000 and 1,100."""
-_ESCAPE = re.compile(r"\\(?:u([0-9a-fA-F]{4})|.)", re.DOTALL)
+_ESCAPE = re.compile(
+    r"\\(?:(u[dD][89abAB][0-9a-fA-F]{2}\\u[dD][c-fC-F][0-9a-fA-F]{2})|u([0-9a-fA-F]{4})|.)",
+    re.DOTALL,
+)
+"""Two surrogates that are one character together, any other character, one of letters."""
 
 
 def read_json(path: Path) -> Any:
@@ -97,13 +101,19 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _printable(text: str) -> str:
-    """JSON whose texts hold no character that steers a terminal, but for ends of lines."""
+    """JSON whose texts hold no character that steers a terminal, but for ends of lines, and no half
+    of a character, which cannot be written.
+    """
 
     def replaced(match: re.Match[str]) -> str:
-        letter = (
-            chr(int(match[1], 16)) if match[1] else {"\\b": "\b", "\\f": "\f"}.get(match[0], " ")
-        )
-        return match[0] if not steers(letter) else "\\ufffd"
+        if match[1]:
+            letter = json.loads(f'"{match[0]}"')
+        elif match[2]:
+            letter = chr(int(match[2], 16))
+        else:
+            letter = {"\\b": "\b", "\\f": "\f"}.get(match[0], " ")
+        half = "\ud800" <= letter <= "\udfff"
+        return "\\ufffd" if half or steers(letter) else match[0]
 
     if not text.isascii():
         hidden = {

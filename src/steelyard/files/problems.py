@@ -12,6 +12,8 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from steelyard.display import printable
+
 _SIGNS = {
     "greater_than": "above",
     "greater_than_equal": "at least",
@@ -124,7 +126,7 @@ def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> st
         close = difflib.get_close_matches(name, known, n=1)
         others = f"known here: {', '.join(known)}" if known else "remove it"
         hint = f"did you mean '{close[0]}'?" if close else others
-        return f"expected a known key, found '{name}'; {hint}"
+        return f"expected a known key, found {short(name)}; {hint}"
     if kind in {"union_tag_invalid", "literal_error"}:
         expected = context.get("expected_tags") or context.get("expected")
         return (
@@ -158,8 +160,8 @@ def _sentence(problem: Any, path: tuple[str | int, ...], known: list[str]) -> st
 
 
 def short(value: Any) -> str:
-    """A value for a message, of 60 letters at the most."""
+    """A value for a message, in one line of 60 letters at the most."""
     if value is None:
         return "nothing"
-    text = f"'{value}'" if isinstance(value, str) else json.dumps(value, default=str)
+    text = f"'{printable(value)}'" if isinstance(value, str) else json.dumps(value, default=str)
     return text if len(text) <= 60 else text[:57] + "..."

@@ -79,7 +79,7 @@ def read_covariance(path: Path, m: int) -> Array:
             " calibrate' write the table again"
         ) from None
     matrix = matrix[[rows.index(name) for name in names]]
-    symmetric = (matrix + matrix.T) / 2
+    symmetric = matrix / 2 + matrix.T / 2
     if not np.isfinite(matrix).all() or not np.allclose(matrix, symmetric, atol=1e-9):
         raise InputError(
             f"{path}: expected a symmetric matrix of numbers, found another one; let 'steelyard"
