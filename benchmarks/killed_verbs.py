@@ -72,7 +72,10 @@ def tree(folder):
 
 def hidden_in(top):
     """What commands prepare; the lock of a study stays."""
-    return [path for path in top.rglob(".steelyard-*") if path.name != ".steelyard-campaign.lock"]
+    while True:
+        with suppress(FileNotFoundError):  # a folder that ended while it was looked at
+            found = list(top.rglob(".steelyard-*"))
+            return [path for path in found if path.name != ".steelyard-campaign.lock"]
 
 
 def begun(verb, top):
