@@ -27,7 +27,8 @@ from steelyard.identification.model.calibration_parameters import (
     gather,
 )
 from steelyard.identification.model.motion_segment import Segment
-from steelyard.identification.solve.beginning import first_body, read_by, stated_noise
+from steelyard.identification.solve.beginning.first_body import first_body
+from steelyard.identification.solve.beginning.motion_task import read_by, stated_noise
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.inertia import TEN

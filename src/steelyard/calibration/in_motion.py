@@ -24,16 +24,12 @@ from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import motion_at
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.samples.segmentation import Recorded
-from steelyard.identification.solve.beginning import (
-    Beginning,
-    NoBalanceError,
-    Readings,
-    begin,
-    motion_task,
-    read,
-)
-from steelyard.identification.solve.conclusion import concluded, sound, stretch_of
+from steelyard.identification.solve.beginning.begin import Beginning, NoBalanceError, begin
+from steelyard.identification.solve.beginning.motion_task import motion_task
+from steelyard.identification.solve.beginning.readings import Readings, read
+from steelyard.identification.solve.conclusion import concluded, sound
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
+from steelyard.identification.solve.fitted import stretch_of
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.joint_motion import fit_readings
 from steelyard.identification.solve.misfits.jitter import with_jitter

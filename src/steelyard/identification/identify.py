@@ -37,7 +37,7 @@ from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.model.fitted_motion import FittedMotion
 from steelyard.identification.side_by_side import elsewhere
-from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.bound import Bound
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.synchronisation import synchronise

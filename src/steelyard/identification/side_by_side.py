@@ -14,7 +14,7 @@ from steelyard.errors import InputError
 from steelyard.estimates.estimate import BEST_FIRST, Estimate
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.method import Fit, Method
-from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.processes.workers import worker_processes
 

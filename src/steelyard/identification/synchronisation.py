@@ -38,7 +38,7 @@ from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.force_clock import force_clock_problem, likeliest, near, scanned
 from steelyard.identification.model.calibration_parameters import gather
 from steelyard.identification.settings import SYNCHRONISATION, SynchronisationSettings
-from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.instruments import Instrument
 

@@ -15,7 +15,7 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters import gather
 from steelyard.identification.samples.preparation import prepare
-from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.misfits.slack_cables import SlackCables
 from steelyard.identification.solve.posterior import Posterior

@@ -18,7 +18,7 @@ from steelyard.identification.recursive.events import advanced, followed_on
 from steelyard.identification.recursive.follow import LOST, begin
 from steelyard.identification.recursive.following import Event, Following
 from steelyard.identification.recursive.outlook import seconds_until
-from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.live.buffer import Buffer, part_of
 from steelyard.live.left_over import left_over
 from steelyard.live.message import Arrival

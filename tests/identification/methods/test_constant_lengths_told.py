@@ -11,7 +11,8 @@ from steelyard.experiment.unread import LOCKED, with_constant_lengths
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.recursive import Recursive
-from steelyard.identification.solve.beginning import begin, read
+from steelyard.identification.solve.beginning.begin import begin
+from steelyard.identification.solve.beginning.readings import read
 from steelyard.identification.solve.misfits.undisturbed_swings import undisturbed_swings
 
 pytestmark = pytest.mark.mujoco

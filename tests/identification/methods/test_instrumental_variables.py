@@ -17,8 +17,12 @@ from steelyard.identification.methods.instrumental_variables import (
     solved,
 )
 from steelyard.identification.methods.least_squares import LeastSquares
+from steelyard.identification.solve.border.normal_equations import (
+    BorderEquations,
+    BorderPrior,
+    solve,
+)
 from steelyard.identification.solve.held_motion import fit_with_held_motion
-from steelyard.identification.solve.normal_equations import BorderEquations, BorderPrior, solve
 from steelyard.inertia import TEN, Inertia
 
 pytestmark = pytest.mark.integration

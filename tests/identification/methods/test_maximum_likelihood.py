@@ -15,7 +15,8 @@ from steelyard.identification.identify import identify
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.model.settings import MOTION
-from steelyard.identification.solve.beginning import read, read_by
+from steelyard.identification.solve.beginning.motion_task import read_by
+from steelyard.identification.solve.beginning.readings import read
 from steelyard.identification.solve.bound import cramer_rao
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.instruments import Attitude, Length, Pose

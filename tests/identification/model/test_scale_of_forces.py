@@ -7,7 +7,8 @@ from places import DATA
 
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.model.force_residuals import whitened_balance
-from steelyard.identification.solve.beginning import begin, read
+from steelyard.identification.solve.beginning.begin import begin
+from steelyard.identification.solve.beginning.readings import read
 from steelyard.identification.tally import Tally
 
 pytestmark = pytest.mark.integration

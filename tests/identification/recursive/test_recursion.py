@@ -24,7 +24,7 @@ from steelyard.identification.recursive.window.past import (
     in_one,
     together,
 )
-from steelyard.identification.solve.segment_equations import segment_equations
+from steelyard.identification.solve.border.segment_equations import segment_equations
 from steelyard.smoothing import DEGREE
 
 

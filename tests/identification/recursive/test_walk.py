@@ -14,7 +14,7 @@ from steelyard.identification.recursive.window.walk import (
     with_known_steps,
     with_steps,
 )
-from steelyard.identification.solve.normal_equations import BorderEquations
+from steelyard.identification.solve.border.normal_equations import BorderEquations
 from steelyard.inertia import TEN, Inertia
 
 BLOCK, K, VARIANCE = 2, TEN + 3, 0.3

@@ -16,7 +16,8 @@ from steelyard.identification.model.calibration_parameters import (
     gather,
 )
 from steelyard.identification.samples.segmentation import recorded
-from steelyard.identification.solve.beginning import motion_task, read
+from steelyard.identification.solve.beginning.motion_task import motion_task
+from steelyard.identification.solve.beginning.readings import read
 from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.joint_fit import fit as fit_motion
 from steelyard.instruments import Attitude, Pose

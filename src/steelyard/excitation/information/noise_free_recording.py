@@ -17,7 +17,7 @@ from steelyard.errors import InputError
 from steelyard.excitation.settings import DEFAULT, DesignSettings
 from steelyard.experiment.model import Experiment, Load
 from steelyard.experiment.recording import Run, Stream
-from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.settings import FIT

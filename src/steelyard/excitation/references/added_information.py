@@ -20,8 +20,12 @@ from steelyard.identification.model.calibration_parameters import (
     gather,
     load_place,
 )
+from steelyard.identification.solve.border.normal_equations import (
+    BorderEquations,
+    FurtherLoad,
+    solve,
+)
 from steelyard.identification.solve.bound import Bound, bound_of
-from steelyard.identification.solve.normal_equations import BorderEquations, FurtherLoad, solve
 from steelyard.identification.solve.posterior import Posterior, prior_of
 from steelyard.inertia import TEN
 

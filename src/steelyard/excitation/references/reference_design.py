@@ -36,7 +36,7 @@ from steelyard.experiment.read import read_experiment
 from steelyard.experiment.unread import is_unread
 from steelyard.files.yaml_file import read_yaml
 from steelyard.identification.methods.fall_back import fit_that_arrives
-from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.synchronisation import synchronise
 from steelyard.inertia import Inertia

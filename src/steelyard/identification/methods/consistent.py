@@ -20,8 +20,8 @@ from steelyard.estimates.quantiles import chi2_tail
 from steelyard.identification.known_body import plausible
 from steelyard.identification.methods.from_posterior.finished import finished
 from steelyard.identification.methods.method import PosteriorMethod
-from steelyard.identification.solve.normal_equations import BorderEquations
-from steelyard.identification.solve.normal_equations import solve as solve_linear
+from steelyard.identification.solve.border.normal_equations import BorderEquations
+from steelyard.identification.solve.border.normal_equations import solve as solve_linear
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.settings import VerdictSettings
 from steelyard.inertia import TEN, Inertia, body_jacobian

@@ -9,7 +9,7 @@ from functools import partial
 
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
-from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior, Progress, motion_instruments
 from steelyard.identification.solve.settings import FIT, FitSettings

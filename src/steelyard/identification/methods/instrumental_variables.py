@@ -31,10 +31,12 @@ from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Rows
 from steelyard.identification.model.sources import Sources, choose_sources
-from steelyard.identification.solve.beginning import motion_task, read
+from steelyard.identification.solve.beginning.motion_task import motion_task
+from steelyard.identification.solve.beginning.readings import read
+from steelyard.identification.solve.border.directions import inverse_of
+from steelyard.identification.solve.border.normal_equations import Solution, solve
 from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.joint_fit import fit
-from steelyard.identification.solve.normal_equations import Solution, inverse_of, solve
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import TEN
 from steelyard.instruments import Pose

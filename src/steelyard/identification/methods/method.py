@@ -15,7 +15,7 @@ from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.fall_back import fit_that_arrives
 from steelyard.identification.methods.loads import drawn
-from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.between_fits.finer_knots import follows
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.solve.posterior import Posterior, Progress

@@ -19,11 +19,12 @@ from steelyard.identification.recursive.following import Following, at_beginning
 from steelyard.identification.recursive.parts import counted_from
 from steelyard.identification.recursive.recursion import Recursion
 from steelyard.identification.recursive.settings import RECURSIVE, RecursiveSettings
-from steelyard.identification.solve.beginning import NoBalanceError, Tell, read
-from steelyard.identification.solve.beginning import begin as started
+from steelyard.identification.solve.beginning.begin import NoBalanceError
+from steelyard.identification.solve.beginning.begin import begin as started
+from steelyard.identification.solve.beginning.readings import Tell, read
+from steelyard.identification.solve.border.segment_equations import segment_equations
 from steelyard.identification.solve.joint_motion import fit_readings
 from steelyard.identification.solve.long_recording import span_of
-from steelyard.identification.solve.segment_equations import segment_equations
 from steelyard.identification.solve.settings import FIT, FitSettings
 
 LOST = (InfeasibleError, np.linalg.LinAlgError)

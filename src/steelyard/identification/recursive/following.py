@@ -32,17 +32,15 @@ from steelyard.identification.recursive.window.grid import KnotGrid
 from steelyard.identification.recursive.window.walk import as_in_the_end, by_mass
 from steelyard.identification.recursive.window.window import Window
 from steelyard.identification.samples.preparation import Samples
-from steelyard.identification.solve.beginning import (
-    NoBalanceError,
-    Readings,
-    on_force_clock,
-    read,
-)
-from steelyard.identification.solve.conclusion import Fitted, FittedStretch, concluded
+from steelyard.identification.solve.beginning.begin import NoBalanceError
+from steelyard.identification.solve.beginning.first_body import on_force_clock
+from steelyard.identification.solve.beginning.readings import Readings, read
+from steelyard.identification.solve.border.segment_equations import SegmentEquations
+from steelyard.identification.solve.conclusion import concluded
+from steelyard.identification.solve.fitted import Fitted, FittedStretch
 from steelyard.identification.solve.long_recording import span_of
 from steelyard.identification.solve.noise_levels import ratios_of
 from steelyard.identification.solve.posterior import Posterior, prior_of
-from steelyard.identification.solve.segment_equations import SegmentEquations
 from steelyard.inertia import Inertia, body_jacobian
 from steelyard.smoothing import DEGREE
 

@@ -29,8 +29,8 @@ from steelyard.identification.recursive.spikes import (
     without_readings,
 )
 from steelyard.identification.recursive.window.past import scaled
+from steelyard.identification.solve.border.segment_equations import whitened_rows
 from steelyard.identification.solve.fit_state import FitState
-from steelyard.identification.solve.segment_equations import whitened_rows
 
 _WIDE = 1e4
 """By how much readings are taken as noisier where none of them is to stand far; what they say counts

@@ -16,8 +16,8 @@ from steelyard.identification.model.segment import NormalEquations, Rows
 from steelyard.identification.recursive.recursion import Recursion
 from steelyard.identification.recursive.window.chunk import Chunk
 from steelyard.identification.recursive.window.past import Linear
-from steelyard.identification.solve.normal_equations import Blocks, BorderEquations
-from steelyard.identification.solve.segment_equations import SegmentEquations
+from steelyard.identification.solve.border.normal_equations import Blocks, BorderEquations
+from steelyard.identification.solve.border.segment_equations import SegmentEquations
 from steelyard.inertia import TEN
 
 FIRST = "load 1"

@@ -14,8 +14,8 @@ from steelyard.identification.model.motion_segment import Reading
 from steelyard.identification.model.processes import integrals_of
 from steelyard.identification.model.segment import Label
 from steelyard.identification.model.sources import Source
-from steelyard.identification.solve.normal_equations import Blocks, summed, together
-from steelyard.identification.solve.segment_equations import SegmentEquations
+from steelyard.identification.solve.border.normal_equations import Blocks, summed, together
+from steelyard.identification.solve.border.segment_equations import SegmentEquations
 from steelyard.identification.tally import Tally
 from steelyard.inertia import TEN
 from steelyard.smoothing import DEGREE

@@ -29,13 +29,10 @@ from steelyard.identification.recursive.window.walk import (
     without_columns,
 )
 from steelyard.identification.recursive.window.window import Window
-from steelyard.identification.solve.normal_equations import Blocks, BorderEquations
-from steelyard.identification.solve.segment_equations import (
-    SegmentEquations,
-    by_stretches,
-    left_noise,
-    whitened_rows,
-)
+from steelyard.identification.solve.border.noise_in_derivatives import left_noise
+from steelyard.identification.solve.border.normal_equations import Blocks, BorderEquations
+from steelyard.identification.solve.border.segment_equations import SegmentEquations, whitened_rows
+from steelyard.identification.solve.border.stretches import by_stretches
 from steelyard.identification.tally import Tally
 from steelyard.inertia import TEN
 from steelyard.instruments.tension import RollerState

@@ -31,15 +31,15 @@ from steelyard.identification.recursive.window.walk import (
     steps_of,
 )
 from steelyard.identification.recursive.window.window import Window
-from steelyard.identification.solve.fit_state import FitState, Task
-from steelyard.identification.solve.normal_equations import (
+from steelyard.identification.solve.border.normal_equations import (
     BorderEquations,
     BorderPrior,
     Solution,
     solve,
 )
+from steelyard.identification.solve.border.segment_equations import absolute, whitened_rows
+from steelyard.identification.solve.fit_state import FitState, Task
 from steelyard.identification.solve.posterior import prior_of
-from steelyard.identification.solve.segment_equations import absolute, border_of, whitened_rows
 from steelyard.inertia import TEN
 from steelyard.smoothing import DEGREE
 
@@ -78,9 +78,7 @@ class Recursion:
             state: With a body and the calibration to linearise about.
             settings: How it goes.
         """
-        return cls(
-            task, replace(state, segments=()), nothing_told(border_of(task)), settings=settings
-        )
+        return cls(task, replace(state, segments=()), nothing_told(task.columns), settings=settings)
 
     @property
     def point(self) -> Array:

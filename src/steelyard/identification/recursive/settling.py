@@ -23,8 +23,8 @@ from steelyard.identification.recursive.spikes import (
     without_readings,
     without_spikes,
 )
+from steelyard.identification.solve.border.segment_equations import whitened_rows
 from steelyard.identification.solve.misfits.jitter import with_jitter
-from steelyard.identification.solve.segment_equations import whitened_rows
 from steelyard.identification.solve.settings import FitSettings
 
 _SAME_MEMORY = 0.02

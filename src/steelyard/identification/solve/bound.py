@@ -24,7 +24,7 @@ from steelyard.identification.model.force_residuals import force_residuals
 from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Rows
-from steelyard.identification.solve.normal_equations import Solution
+from steelyard.identification.solve.border.normal_equations import Solution
 from steelyard.inertia import BODY_PARAMETERS, TEN, body_jacobian
 
 _EXACT = 1e-9

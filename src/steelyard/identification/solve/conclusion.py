@@ -5,7 +5,7 @@ and all that follows from them.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,72 +15,32 @@ from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment, Load
 from steelyard.experiment.recording import Run
 from steelyard.identification.known_body import plausible
-from steelyard.identification.model.balance import Balance, Forces, balance_of
+from steelyard.identification.model.balance import Balance
 from steelyard.identification.model.calibration_parameters import ROBOT, load_place
 from steelyard.identification.model.fitted_motion import FittedMotion, fitted_motion
 from steelyard.identification.model.motion_segment import AT_REST, Segment
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
-from steelyard.identification.solve.beginning import NoBalanceError, Readings
-from steelyard.identification.solve.bound import bound_of
-from steelyard.identification.solve.fit_state import Fit, FitState, Task
-from steelyard.identification.solve.misfits.slack_cables import SlackCables
-from steelyard.identification.solve.normal_equations import (
+from steelyard.identification.solve.beginning.begin import NoBalanceError
+from steelyard.identification.solve.border.normal_equations import (
     BorderEquations,
     FurtherLoad,
     Solution,
-    enlarged,
     solve,
     summed,
     together,
 )
-from steelyard.identification.solve.posterior import Posterior, prior_of
-from steelyard.identification.solve.segment_equations import (
+from steelyard.identification.solve.border.scatter import enlarged
+from steelyard.identification.solve.border.segment_equations import (
     BalanceCourse,
     SegmentEquations,
-    segment_equations,
 )
+from steelyard.identification.solve.bound import bound_of
+from steelyard.identification.solve.fit_state import Fit, FitState
+from steelyard.identification.solve.fitted import Fitted, FittedStretch, estimated_columns
+from steelyard.identification.solve.posterior import Posterior, prior_of
 from steelyard.inertia import TEN
 from steelyard.smoothing import DEGREE
-
-
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """A fit, and what was left out of it."""
-
-    task: Task
-    fit: Fit
-    motion: Fit
-    """Of the motion instruments alone."""
-    force_samples: tuple[Forces, ...]
-    """Of each segment, those of runs held out too."""
-    lost: Sequence[str]
-    """Notes of instruments that have lost the motion."""
-    contacts: Mapping[str, Sequence[tuple[float, float]]]
-    """Run -> stretches in which something touched the platform [s]."""
-    spikes: Mapping[str, int]
-    """Run -> force readings that stood alone."""
-    held_out: frozenset[str] = frozenset()
-    """Runs whose forces were not looked at."""
-    slack: tuple[SlackCables, ...] = ()
-    """Cables that may hang slack for a while, of runs that have such ones."""
-
-    @property
-    def balances(self) -> tuple[Balance, ...]:
-        """Of every segment."""
-        state = self.fit.state
-        assert state.parameters is not None
-        return tuple(
-            balance_of(
-                self.task.experiment,
-                segment,
-                forces,
-                state.calibration,
-                state.parameters,
-                state.factors,
-            )
-            for segment, forces in zip(state.segments, self.force_samples, strict=True)
-        )
 
 
 def sound(posterior: Callable[[], Posterior]) -> Posterior:
@@ -104,47 +64,6 @@ def sound(posterior: Callable[[], Posterior]) -> Posterior:
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class FittedStretch:
-    """All runs of an experiment, or a stretch of one of them, with the fit."""
-
-    readings: Readings
-    fitted: Fitted
-    parts: tuple[SegmentEquations, ...]
-    """Its segments, with equations over all columns of the border."""
-
-
-def stretch_of(readings: Readings, fitted: Fitted) -> FittedStretch:
-    """A fit with its equations.
-
-    Raises:
-        numpy.linalg.LinAlgError: The motion is not determined.
-    """
-    return FittedStretch(readings, fitted, tuple(_parts(fitted)))
-
-
-def without_knots(chunk: FittedStretch) -> FittedStretch:
-    """A chunk without what has done its work: the large matrices of its knots, its readings beside
-    those of its segments, the noise of its balance. How the motion follows the border is drawn, not
-    computed with.
-    """
-    estimated = _estimated(chunk.fitted.task)
-    parts = tuple(
-        replace(
-            part,
-            segment=replace(part.segment, jerks={}),
-            followed=part.followed[:, estimated].astype(np.float32),
-            balances=tuple(map(BalanceCourse.of, part.balances)),
-        )
-        for part in chunk.parts
-    )
-    records = tuple(replace(each, segments=(), force_samples=()) for each in chunk.readings.records)
-    fit = chunk.fitted.fit
-    state = replace(fit.state, segments=tuple(part.segment for part in parts))
-    fitted = replace(chunk.fitted, fit=replace(fit, state=state, equations=(), motions=()))
-    return FittedStretch(replace(chunk.readings, records=records), fitted, parts)
-
-
 def concluded(chunks: Sequence[FittedStretch], *, courses: bool = True) -> Posterior:
     """All that follows from a fit.
 
@@ -165,7 +84,7 @@ def concluded(chunks: Sequence[FittedStretch], *, courses: bool = True) -> Poste
     radius = plausible_radius(experiment.robot)
     size = plausible(found.state.parameters, radius)
     prior = prior_of(experiment, found.state.calibration, found.state.parameters, radius)
-    estimated = _estimated(task)
+    estimated = estimated_columns(task)
     biases = [chunk.fitted.fit.bias.sum(axis=0) for chunk in chunks if len(chunk.fitted.fit.bias)]
     bias = np.zeros(len(estimated))
     bias[estimated] = np.sum(biases, axis=0) if biases else 0.0
@@ -216,11 +135,6 @@ def concluded(chunks: Sequence[FittedStretch], *, courses: bool = True) -> Poste
     moving = [part for part in parts if courses and not part.segment.static]
     motion = tuple(_motion_of(part, state, wide.covariance, estimated) for part in moving)
     return replace(result, solution=wide, motion=motion)
-
-
-def _estimated(task: Task) -> NDArray[np.bool_]:
-    """Columns of the border that are estimated, shape (k,)."""
-    return np.concatenate([np.ones(TEN, dtype=bool), task.active])
 
 
 def _further_loads(
@@ -289,28 +203,6 @@ def _notes(chunks: Sequence[FittedStretch]) -> Iterator[str]:
         yield from chunk.readings.notes
         yield from chunk.fitted.lost
         yield from map(str, chunk.fitted.slack)
-
-
-def _parts(fitted: Fitted) -> Sequence[SegmentEquations]:
-    """Equations of every segment over all columns of the border."""
-    task, found = fitted.task, fitted.fit
-    names = [run.name for run in task.experiment.runs]
-    count = len(found.state.segments)
-    motions = found.motions or (None,) * count
-    return [
-        segment_equations(
-            task,
-            found.state,
-            segment,
-            forces,
-            motion,
-            run=names.index(segment.run),
-            looked_at=segment.run not in fitted.held_out,
-        )
-        for segment, forces, motion in zip(
-            found.state.segments, fitted.force_samples, motions, strict=True
-        )
-    ]
 
 
 def _by_run(parts: Sequence[SegmentEquations]) -> dict[str, BorderEquations]:

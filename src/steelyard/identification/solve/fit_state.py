@@ -78,6 +78,16 @@ class Task:
         """
         return state.ten + int(self.active.sum())
 
+    @property
+    def columns(self) -> int:
+        """Columns of the border of all: the ten and every calibration parameter, estimated or not."""
+        return TEN + len(self.calibration_parameters)
+
+    @property
+    def every_column(self) -> NDArray[np.intp]:
+        """Column of every calibration parameter there, shape (u,)."""
+        return TEN + np.arange(len(self.calibration_parameters), dtype=np.intp)
+
     def column_of(self, state: FitState) -> NDArray[np.intp]:
         """Column of each systematic error in the border; -1: not there; shape (u,)."""
         return columns_of(self.active, state.ten)

@@ -24,19 +24,9 @@ from steelyard.identification.model.force_residuals import force_residuals, tall
 from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.dense_streams import average_dense
-from steelyard.identification.solve.beginning import (
-    Tell,
-    begin,
-    read,
-)
-from steelyard.identification.solve.conclusion import (
-    Fitted,
-    FittedStretch,
-    concluded,
-    sound,
-    stretch_of,
-    without_knots,
-)
+from steelyard.identification.solve.beginning.begin import begin
+from steelyard.identification.solve.beginning.readings import Tell, read
+from steelyard.identification.solve.conclusion import concluded, sound
 from steelyard.identification.solve.fit_state import (
     Fit,
     FitState,
@@ -45,6 +35,7 @@ from steelyard.identification.solve.fit_state import (
     linearise,
     smooth,
 )
+from steelyard.identification.solve.fitted import Fitted, FittedStretch, stretch_of, without_knots
 from steelyard.identification.solve.long_recording import (
     lively_parts,
     moving_length,

@@ -17,14 +17,8 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.samples.dense_streams import average_dense
-from steelyard.identification.solve.beginning import (
-    Beginning,
-    Readings,
-    Tell,
-    begin,
-    read,
-    with_body,
-)
+from steelyard.identification.solve.beginning.begin import Beginning, begin, with_body
+from steelyard.identification.solve.beginning.readings import Readings, Tell, read
 from steelyard.identification.solve.between_fits.cuts import (
     cut,
     cut_anew,
@@ -46,15 +40,9 @@ from steelyard.identification.solve.between_fits.lengths_by_tensions import (
     seen_with_tensions,
     with_tensions,
 )
-from steelyard.identification.solve.conclusion import (
-    Fitted,
-    FittedStretch,
-    concluded,
-    sound,
-    stretch_of,
-    without_knots,
-)
+from steelyard.identification.solve.conclusion import concluded, sound
 from steelyard.identification.solve.fit_state import FitState, Task, linearise, smooth
+from steelyard.identification.solve.fitted import Fitted, FittedStretch, stretch_of, without_knots
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.long_recording import (
     lively_parts,

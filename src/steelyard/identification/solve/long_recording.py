@@ -15,9 +15,11 @@ from steelyard.experiment.recording import Run
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import integrals_of
 from steelyard.identification.model.sources import choose_sources
-from steelyard.identification.solve.beginning import Readings, motion_task, on_force_clock, read
-from steelyard.identification.solve.conclusion import Fitted
+from steelyard.identification.solve.beginning.first_body import on_force_clock
+from steelyard.identification.solve.beginning.motion_task import motion_task
+from steelyard.identification.solve.beginning.readings import Readings, read
 from steelyard.identification.solve.fit_state import FitState, Task, linearise, smooth
+from steelyard.identification.solve.fitted import Fitted
 from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.newton_step import step_of
 from steelyard.identification.solve.settings import FIT, FitSettings

@@ -9,8 +9,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.model.segment import NormalEquations
+from steelyard.identification.solve.border.directions import weak_directions
 from steelyard.identification.solve.fit_state import FitState, Task
-from steelyard.identification.solve.normal_equations import weak_directions
 from steelyard.inertia import TEN
 
 _RANGE = 40.0

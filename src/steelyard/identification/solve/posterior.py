@@ -21,10 +21,7 @@ from steelyard.identification.model.calibration_parameters import CalibrationVal
 from steelyard.identification.model.fitted_motion import FittedMotion
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
-from steelyard.identification.solve.bound import Bound, bound_of
-from steelyard.identification.solve.fit_state import Fit
-from steelyard.identification.solve.misfits.slack_cables import SlackCables
-from steelyard.identification.solve.normal_equations import (
+from steelyard.identification.solve.border.normal_equations import (
     Blocks,
     BorderEquations,
     BorderPrior,
@@ -32,6 +29,9 @@ from steelyard.identification.solve.normal_equations import (
     Solution,
     summed,
 )
+from steelyard.identification.solve.bound import Bound, bound_of
+from steelyard.identification.solve.fit_state import Fit
+from steelyard.identification.solve.misfits.slack_cables import SlackCables
 from steelyard.inertia import TEN, body_jacobian
 
 T = TypeVar("T")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.estimates.quantiles import normal_exceeded
 from steelyard.identification.model.calibration_parameters import DRAG, ROBOT
-from steelyard.identification.solve.normal_equations import BorderEquations, Solution
+from steelyard.identification.solve.border.normal_equations import BorderEquations, Solution
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import TEN, body_jacobian

@@ -15,7 +15,7 @@ from steelyard.experiment.given import GivenExperiment, experiment_of
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import Forces, balance_of
 from steelyard.identification.model.motion_segment import Segment
-from steelyard.identification.solve.beginning import NoBalanceError
+from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.solve.posterior import Posterior, Progress
 

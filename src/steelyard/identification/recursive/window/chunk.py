@@ -14,8 +14,8 @@ from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Rows
 from steelyard.identification.recursive.window.past import Linear, Point, in_one
+from steelyard.identification.solve.border.segment_equations import whitened_rows
 from steelyard.identification.solve.fit_state import FitState, Task
-from steelyard.identification.solve.segment_equations import whitened_rows
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from steelyard.arrays import Array
 from steelyard.identification.model.segment import NormalEquations, Rows
-from steelyard.identification.solve.normal_equations import BorderEquations
+from steelyard.identification.solve.border.normal_equations import BorderEquations
 from steelyard.inertia import TEN
 
 

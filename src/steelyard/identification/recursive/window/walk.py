@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.identification.model.segment import NormalEquations
-from steelyard.identification.solve.normal_equations import BorderEquations
+from steelyard.identification.solve.border.normal_equations import BorderEquations
 from steelyard.inertia import TEN, point_inertia, six
 
 

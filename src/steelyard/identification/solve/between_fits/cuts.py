@@ -10,15 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.identification.model.balance import balance_of
-from steelyard.identification.solve.beginning import (
-    Beginning,
-    Readings,
-    Tell,
-)
+from steelyard.identification.solve.beginning.begin import Beginning
+from steelyard.identification.solve.beginning.readings import Readings, Tell
 from steelyard.identification.solve.between_fits.finer_knots import FinerKnots, vibrations_of
 from steelyard.identification.solve.between_fits.lengths_by_tensions import seen_with_tensions
-from steelyard.identification.solve.conclusion import Fitted
 from steelyard.identification.solve.fit_state import FitState, Task
+from steelyard.identification.solve.fitted import Fitted
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.disturbances import as_noise
 from steelyard.identification.solve.misfits.outliers import look

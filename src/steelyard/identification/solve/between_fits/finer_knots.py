@@ -14,13 +14,11 @@ from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.samples.segmentation import recorded
 from steelyard.identification.samples.spline_through_poses import resampled
-from steelyard.identification.solve.beginning import (
-    Beginning,
-    Readings,
-    motion_task,
-)
-from steelyard.identification.solve.conclusion import Fitted
+from steelyard.identification.solve.beginning.begin import Beginning
+from steelyard.identification.solve.beginning.motion_task import motion_task
+from steelyard.identification.solve.beginning.readings import Readings
 from steelyard.identification.solve.fit_state import FitState, linearise, smooth
+from steelyard.identification.solve.fitted import Fitted
 from steelyard.identification.solve.misfits.coherence import coherence
 from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.newton_step import step_of

@@ -14,11 +14,8 @@ from steelyard.arrays import Array
 from steelyard.identification.model.balance import Balance, Forces, balance_of
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.samples.segmentation import Recorded
-from steelyard.identification.solve.beginning import (
-    Beginning,
-    Readings,
-    with_body,
-)
+from steelyard.identification.solve.beginning.begin import Beginning, with_body
+from steelyard.identification.solve.beginning.readings import Readings
 from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.misfits.hands import touching, without
 from steelyard.identification.solve.misfits.slack_cables import SlackCables, around, slack_cables

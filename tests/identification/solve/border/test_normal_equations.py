@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from steelyard.identification.solve.normal_equations import (
+from steelyard.identification.solve.border.directions import curvature
+from steelyard.identification.solve.border.normal_equations import (
     Blocks,
     BorderEquations,
     BorderPrior,
-    curvature,
-    enlarged,
     solve,
     summed,
     together,
 )
+from steelyard.identification.solve.border.scatter import enlarged
 from steelyard.inertia import TEN
 
 ROUNDING = 1e-8  # relative: normal equations lose half of the digits of stacked rows

@@ -9,8 +9,9 @@ from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import POSE, WIDTH, Rows, accumulate
 from steelyard.identification.recursive.follow import begin
-from steelyard.identification.solve import segment_equations as module
-from steelyard.identification.solve.segment_equations import segment_equations
+from steelyard.identification.solve.border import segment_equations as module
+from steelyard.identification.solve.border import stretches
+from steelyard.identification.solve.border.segment_equations import segment_equations
 from steelyard.smoothing import DEGREE, knots
 
 
@@ -71,8 +72,8 @@ def test_stretches_say_what_their_rows_say_once_the_motion_has_followed(most, mo
     knotted = Segment("run", knots(0.0, instants * 0.5, 0.5), (), np.zeros((functions, POSE)))
     every = accumulate(functions, border, parts)
     number = np.array([0, 0, 0, 1, 1, 2])
-    monkeypatch.setattr(module, "_ROWS_AT_ONCE", most)
-    normal, right, by_source = module.by_stretches(knotted, parts, every, number)
+    monkeypatch.setattr(stretches, "_ROWS_AT_ONCE", most)
+    normal, right, by_source = stretches.by_stretches(knotted, parts, every, number)
     expected, expected_right = np.zeros((3, border, border)), np.zeros((3, border))
     sums = {one: np.zeros((border, border)), other: np.zeros((border, border))}
     for part in parts[:2]:
