@@ -70,9 +70,8 @@ def _escaped(text: str) -> str:
 
 def printable(text: str) -> str:
     """In one line, without anything that steers a terminal."""
-    return "".join(
-        c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in " ".join(text.split())
-    )
+    # Not by its name: names are looked up while this is compiled, where an interruption gets lost.
+    return "".join(c if c.isprintable() else "\ufffd" for c in " ".join(text.split()))
 
 
 def time_left(done: float, elapsed: float) -> str:
@@ -90,8 +89,8 @@ def time_left(done: float, elapsed: float) -> str:
 _ASCII = str.maketrans(
     {
         "±": "+/-", "²": "^2", "³": "^3", "°": "deg", "µ": "u", "·": "*", "√": "sqrt ", "…": "...",
-        "\N{MULTIPLICATION SIGN}": "x", "\N{EN DASH}": "-", "\N{EM DASH}": "-",
-        "\N{MINUS SIGN}": "-", "\N{RIGHT SINGLE QUOTATION MARK}": "'", "✓": "+", "✗": "x",
+        "\u00d7": "x", "\u2013": "-", "\u2014": "-",
+        "\u2212": "-", "\u2019": "'", "✓": "+", "✗": "x",
         **{bar: str(i) for i, bar in enumerate("▁▂▃▄▅▆▇█", start=1)},
     }
 )  # fmt: skip

@@ -58,7 +58,7 @@ _CANONICAL = frozenset(
 # fmt: off
 _SIGNS = str.maketrans({
     "µ": "u", "μ": "u", "°": "deg", "º": "deg", "²": "^2", "⁻": "^-", "¹": "1",
-    "·": " ", "⋅": " ", "∙": " ", "*": " ", "\N{MINUS SIGN}": "-",
+    "·": " ", "⋅": " ", "∙": " ", "*": " ", "\u2212": "-",
 })
 # fmt: on
 _SECOND = re.compile(r"(?<![A-Za-z])sec(ond)?s?(?![A-Za-z])", re.IGNORECASE)
