@@ -65,11 +65,12 @@ def _compared(true: Mode, predicted: Mode) -> tuple[float, float]:
     return off / true.frequency, off / (predicted.standard_deviation or np.nan)
 
 
-def draw(case: tuple[int, int, int, float, float]) -> Drawn:
-    m, number, runs, geometry, length_noise = case
+def draw(case: tuple[int, int, int, float, float, bool]) -> Drawn:
+    m, number, runs, geometry, length_noise, misplaced = case
     rng = np.random.default_rng([FIRST_SEED, m, number])
     body = body_of(rng)
-    recorded = swings(m, runs, [FIRST_SEED, m, number, 1], body=body, geometry=geometry)
+    seed = [FIRST_SEED, m, number, 1]
+    recorded = swings(m, runs, seed, body=body, geometry=geometry, misplaced=misplaced)
     experiment = recorded.experiment
     if length_noise:
         experiment = with_constant_lengths(replace(experiment, length_noise=length_noise))
@@ -116,13 +117,14 @@ def main(
     processes: float = 2,
     geometry: float = 2,
     length_noise: float = 0,
+    misplaced: float = 0,
 ) -> None:
     """Errors of anchors and attachments in millimetres, 1-sigma, and of lengths that are constant; 0:
-    that is not used.
+    that is not used; and whether motion capture is misplaced by what is stated of it.
     """
     bodies, runs, processes = round(bodies), round(runs), round(processes)
     cases = [
-        (m, i, runs, 1e-3 * geometry, 1e-3 * length_noise)
+        (m, i, runs, 1e-3 * geometry, 1e-3 * length_noise, bool(misplaced))
         for m, i in product(CABLES, range(bodies))
     ]
     found = []
@@ -130,6 +132,7 @@ def main(
     print(
         f"{runs} swings of 10 s each, motion capture .3 mm and .5 mrad, geometry {geometry:g} mm"
         + (f", lengths constant to {length_noise:g} mm" if length_noise else "")
+        + (", motion capture misplaced" if misplaced else "")
     )
     print(
         "cables  chi-square/9  centre [mm]  moments [%]  frequencies [%] median, largest, z  CPU [s]"
@@ -159,4 +162,4 @@ def main(
 
 
 if __name__ == "__main__":
-    main(*map(float, sys.argv[1:6]))
+    main(*map(float, sys.argv[1:7]))

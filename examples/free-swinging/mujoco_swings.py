@@ -103,7 +103,13 @@ class Swings:
     """With the errors of its geometry."""
 
 
-def swings(m, runs, seed, duration=10.0, noise=(3e-4, 5e-4), geometry=0.002, body=BODY):
+SEEN = {"frame": {"position": 0.005, "rotation": 0.003}, "misalignment": 0.003, "target": 0.002}
+"""1-sigma of where motion capture stands and what it sees of the platform [m], [rad]."""
+
+
+def swings(
+    m, runs, seed, duration=10.0, noise=(3e-4, 5e-4), geometry=0.002, body=BODY, misplaced=False
+):
     """Pushed by hand on locked cables, seen by motion capture once the hands are off.
 
     Args:
@@ -114,6 +120,7 @@ def swings(m, runs, seed, duration=10.0, noise=(3e-4, 5e-4), geometry=0.002, bod
         noise: Of position [m] and orientation [rad].
         geometry: Errors of anchors and attachments, 1-sigma [m].
         body: That swings.
+        misplaced: Whether motion capture is off by what is stated of it; else it is exact.
     """
     rng = np.random.default_rng(seed)
     drawn = swinging_robot(m)
@@ -127,21 +134,26 @@ def swings(m, runs, seed, duration=10.0, noise=(3e-4, 5e-4), geometry=0.002, bod
         {
             "kind": "pose",
             "noise": {"position": noise[0], "rotation": noise[1]},
-            "calibration": {
-                "frame": {"position": 0.005, "rotation": 0.003},
-                "misalignment": 0.003,
-                "target": 0.002,
-            },
+            "calibration": SEEN,
         }
+    )
+    # Drawn apart, so that the swings are the same ones.
+    off = np.random.default_rng([*np.atleast_1d(seed), 9]).normal(size=(4, 3)) * misplaced
+    origin, target = SEEN["frame"]["position"] * off[0], SEEN["target"] * off[1]
+    frame, mounting = (
+        Rotation.from_rotvec(sigma * each)
+        for sigma, each in ((SEEN["frame"]["rotation"], off[2]), (SEEN["misalignment"], off[3]))
     )
     found = []
     for i in range(runs):
         seen = _swing(true, body, rng, duration)
         time = 5.0 + np.arange(len(seen)) / RATE
         turned = Rotation.from_quat(seen[:, 3:7], scalar_first=True)
+        place = frame.inv().apply(seen[:, :3] + turned.apply(target) - origin)
+        turned = frame.inv() * turned * mounting
         turned = turned * Rotation.from_rotvec(noise[1] * rng.normal(size=(len(seen), 3)))
         values = {
-            "position": seen[:, :3] + noise[0] * rng.normal(size=(len(seen), 3)),
+            "position": place + noise[0] * rng.normal(size=(len(seen), 3)),
             "orientation": turned.as_matrix(),
         }
         found.append(Run(f"swing {i}", {"pose": Stream(time, values, "MuJoCo")}, locked=True))
