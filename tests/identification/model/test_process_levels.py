@@ -112,6 +112,14 @@ def test_level_and_time_are_those_of_the_full_likelihood():
     assert found.gain == pytest.approx(-expected.fun - likelihood(readings), rel=0.03)
 
 
+def test_a_level_stays_below_what_it_has_at_most():
+    own = disturbed(FIRST)
+    readings = read(own, recorded(3, (0.5, 0.8)))
+    assert likeliest([own], [readings], largest={FIRST: 0.2}).of[FIRST].level == pytest.approx(0.2)
+    free, bounded = (likeliest([own], [readings], largest=each).of for each in (None, {FIRST: 5.0}))
+    assert bounded[FIRST].level == pytest.approx(free[FIRST].level, rel=1e-6)
+
+
 def test_two_processes_share_what_each_explains():
     true = (0.6, 0.4), (1.5, 6.0)
     readings = recorded(5, *true)

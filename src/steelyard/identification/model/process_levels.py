@@ -47,6 +47,7 @@ def likeliest(
     equations: Sequence[NormalEquations],
     settings: MotionSettings = MOTION,
     prior: tuple[Array, Array] | None = None,
+    largest: Mapping[Source, float] | None = None,
 ) -> ProcessLevels:
     """Likeliest levels and correlation times of all processes together.
 
@@ -56,7 +57,9 @@ def likeliest(
         settings: Bounds and accuracy.
         prior: Precision of the border and its pull, shapes (b, b) and (b,); None: the border is
             held.
+        largest: Source -> level that it has at most; None: nothing bounds any.
     """
+    largest = largest or {}
     pairs = [
         (segment, each)
         for segment, each in zip(segments, equations, strict=True)
@@ -88,7 +91,7 @@ def likeliest(
             bound
             for source, each in first.items()
             for bound in (
-                _around(each.level, wide, source in level_stated),
+                _around(each.level, wide, largest.get(source), source in level_stated),
                 (np.log(each.time),) * 2
                 if source in time_stated
                 else (np.log(least), np.log(most)),
@@ -114,10 +117,14 @@ def likeliest(
     )
 
 
-def _around(value: float, wide: float, stated: bool) -> tuple[float, float]:
+def _around(value: float, wide: float, largest: float | None, stated: bool) -> tuple[float, float]:
     """Bounds of the logarithm of a level."""
-    own = 0.0 if stated else wide
-    return float(np.log(value) - own), float(np.log(value) + own)
+    if stated:
+        return float(np.log(value)), float(np.log(value))
+    most = np.log(value) + wide
+    if largest is not None:
+        most = min(most, np.log(largest))
+    return float(min(np.log(value) - wide, most)), float(most)
 
 
 def _of_logs(sources: Mapping[Source, ProcessLevel], logs: Array) -> dict[Source, ProcessLevel]:

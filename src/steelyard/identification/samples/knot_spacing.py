@@ -40,8 +40,8 @@ class Channelled:
 
 
 def evidence(stream: Channelled, grid: Array, settings: MotionSettings = MOTION) -> float:
-    """Largest log likelihood of a stream over the intensity of the noise in its derivative (and
-    over its own noise, if unstated).
+    """Largest log likelihood of a stream over the intensity of the noise in its derivative, and over
+    its own noise, which is what is stated at least.
 
     Args:
         stream: Within the knots.
@@ -64,12 +64,12 @@ def evidence(stream: Channelled, grid: Array, settings: MotionSettings = MOTION)
     spacing = (grid[-1] - grid[0]) / max(len(grid) - 2 * DEGREE - 1, 1)
     first = np.log(settings.first_jerk / spacing ** (2 * (3 - stream.order) - 1))
 
+    least_variance = 0.0 if sigma is None else sigma**2
+
     def minus(log_intensity: float) -> float:
-        # With noise unstated, the intensity is in units of its variance.
-        variance = 1.0 if sigma is None else sigma**2
-        prior = smooth / np.exp(log_intensity) * variance + flat * (
-            settings.unstated_noise**2 if sigma is None else variance
-        )
+        # The intensity is in units of the variance of the noise, which is likeliest as the misfit has
+        # it: stamps that jitter make readings noisier than stated, and are no motion.
+        prior = smooth / np.exp(log_intensity) + flat * noise**2
         try:
             prior_factor = cholesky_banded(prior, lower=True, check_finite=False)
             factor = cholesky_banded(gram + prior, lower=True, check_finite=False)
@@ -77,13 +77,12 @@ def evidence(stream: Channelled, grid: Array, settings: MotionSettings = MOTION)
             return np.inf
         fitted = cho_solve_banded((factor, True), right, check_finite=False)
         misfit = max(square - float(np.sum(fitted * right)), 1e-18 * square + 1e-300)
+        variance = max(misfit / (n * k), least_variance)
         volume = 2 * k * float(np.sum(np.log(factor[0])) - np.sum(np.log(prior_factor[0])))
-        if sigma is None:
-            return float(0.5 * (n * k * float(np.log(misfit / (n * k))) + volume))
         return float(0.5 * (misfit / variance + n * k * float(np.log(variance)) + volume))
 
-    if sigma is None:
-        first -= 2 * np.log(settings.unstated_noise)
+    noise = settings.unstated_noise if sigma is None else sigma
+    first -= 2 * np.log(noise)
     least, most = settings.jerk_range
     found = minimize_scalar(
         minus,

@@ -201,6 +201,8 @@ class FitSettings:
     )
     """Unit -> rms of a disturbance of an instrument that nobody has stated, beyond which it is no
     drift, filter or lost target but an error of the description."""
+    largest_drift: float = 0.1
+    """1-sigma of coloured noise of forces that nobody has stated, at most, over what they usually read."""
     level_settled: float = 0.2
     """Largest logarithm of a change of level at which these have settled."""
 

@@ -445,7 +445,28 @@ def _levels(task: Task, state: FitState) -> ProcessLevels:
         [each.all for each in parts],
         task.settings.motion,
         prior=border_prior(task, state),
+        largest=_largest_of_forces(task, state),
     )
+
+
+def _largest_of_forces(task: Task, state: FitState) -> dict[Source, float]:
+    """Source -> level that coloured noise of its readings has at most: cells that drift by a large part
+    of what they read would carry the body by themselves.
+    """
+    found: dict[Source, float] = {}
+    for segment, forces in zip(state.segments, task.force_samples, strict=True):
+        # A sensor on a wrist may read nothing but noise along some of its axes.
+        if forces is None or segment.static or not task.experiment.robot.m:
+            continue
+        for each in segment.processes:
+            owner, name = each.source
+            if each.source in UNMODELLED_PARTS or owner != forces.name:
+                continue
+            usual = float(np.nanmedian(np.abs(forces.readings[name])))
+            most = task.settings.largest_drift * usual / float(np.median(each.sizes))
+            if most > 0:
+                found[each.source] = max(found.get(each.source, 0.0), most)
+    return found
 
 
 def _least_wanted(
