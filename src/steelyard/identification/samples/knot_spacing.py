@@ -25,6 +25,9 @@ from steelyard.identification.samples.motion_streams import MotionStream, steps_
 from steelyard.rotations import quaternions_of
 from steelyard.smoothing import DEGREE, knots
 
+_TIMES, _ALIKE = 4, 1.1
+"""That a variance is looked at again, and what is alike: the prior of what jerk leaves open is in it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Channelled:
@@ -64,24 +67,28 @@ def evidence(stream: Channelled, grid: Array, settings: MotionSettings = MOTION)
     spacing = (grid[-1] - grid[0]) / max(len(grid) - 2 * DEGREE - 1, 1)
     first = np.log(settings.first_jerk / spacing ** (2 * (3 - stream.order) - 1))
 
+    noise = settings.unstated_noise if sigma is None else sigma
     least_variance = 0.0 if sigma is None else sigma**2
 
     def minus(log_intensity: float) -> float:
         # The intensity is in units of the variance of the noise, which is likeliest as the misfit has
         # it: stamps that jitter make readings noisier than stated, and are no motion.
-        prior = smooth / np.exp(log_intensity) + flat * noise**2
-        try:
-            prior_factor = cholesky_banded(prior, lower=True, check_finite=False)
-            factor = cholesky_banded(gram + prior, lower=True, check_finite=False)
-        except np.linalg.LinAlgError:
-            return np.inf
-        fitted = cho_solve_banded((factor, True), right, check_finite=False)
-        misfit = max(square - float(np.sum(fitted * right)), 1e-18 * square + 1e-300)
-        variance = max(misfit / (n * k), least_variance)
+        variance = noise**2
+        for _ in range(_TIMES if sigma is not None else 1):
+            prior = smooth / np.exp(log_intensity) + flat * variance
+            try:
+                prior_factor = cholesky_banded(prior, lower=True, check_finite=False)
+                factor = cholesky_banded(gram + prior, lower=True, check_finite=False)
+            except np.linalg.LinAlgError:
+                return np.inf
+            fitted = cho_solve_banded((factor, True), right, check_finite=False)
+            misfit = max(square - float(np.sum(fitted * right)), 1e-18 * square + 1e-300)
+            before, variance = variance, max(misfit / (n * k), least_variance)
+            if variance < _ALIKE * before:
+                break
         volume = 2 * k * float(np.sum(np.log(factor[0])) - np.sum(np.log(prior_factor[0])))
         return float(0.5 * (misfit / variance + n * k * float(np.log(variance)) + volume))
 
-    noise = settings.unstated_noise if sigma is None else sigma
     first -= 2 * np.log(noise)
     least, most = settings.jerk_range
     found = minimize_scalar(
