@@ -1,5 +1,6 @@
 """`identify` by itself says what is wrong with a description, and how to write it."""
 
+import importlib
 from dataclasses import replace
 
 import numpy as np
@@ -57,6 +58,17 @@ def test_sound_ones_have_nothing_to_change(robot):
     check = check_description(experiment(robot))
     assert not check.mistakes
     assert check.amendment == ""
+
+
+@pytest.mark.mujoco
+def test_a_motion_that_disturbs_is_in_no_other_unit(tmp_path, monkeypatch):
+    # Filters, a hose and jumps on four cables: whatever makes the motion smaller agreed better, and
+    # the tracker was said to read in ft.
+    pytest.importorskip("mujoco")
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    recorded = importlib.import_module("rough.recording").recorded
+    path, _ = recorded("four", "typical-at-platform", 7, tmp_path, 20.0)
+    assert not check_description(read_experiment(path)).mistakes
 
 
 @pytest.mark.slow

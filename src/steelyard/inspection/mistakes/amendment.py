@@ -47,6 +47,8 @@ class Amendment:
     """Instruments whose readings look different then, and :data:`ROBOT`."""
     keys: tuple[str, ...] = ()
     """What to write under the instrument, key by key, in all runs; empty: no key says it."""
+    neighbours: tuple[Change, ...] = ()
+    """Changes by somewhat more and less, of a factor: where they explain as much, it is none."""
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -71,6 +73,7 @@ class Subject:
         *,
         beside: Iterable[str] = (),
         keys: Iterable[str] | None = None,
+        neighbours: Iterable[Change] = (),
     ) -> Amendment:
         """One amendment of it.
 
@@ -82,12 +85,22 @@ class Subject:
             cost: The same.
             beside: Other instruments whose readings the change takes.
             keys: See :class:`Amendment`; None: the proposal, where it is one.
+            neighbours: See :class:`Amendment`.
         """
         touches = frozenset({self.name, *beside})
         if keys is None:
             keys = [proposal] if proposal.partition(":")[0] in _KEYS else []
         return Amendment(
-            kind, self.name, self.channel, what, proposal, change, cost, touches, tuple(keys)
+            kind,
+            self.name,
+            self.channel,
+            what,
+            proposal,
+            change,
+            cost,
+            touches,
+            tuple(keys),
+            tuple(neighbours),
         )
 
 

@@ -38,6 +38,10 @@ LIKELY_UNITS = {
 _DEAD = 2.5
 """Cost of a dead sensor: whatever is wrong with one reading would be explained by it."""
 
+_NEAR = (0.7, 1.4)
+"""Of a factor: readings of another unit agree with it alone, those of a motion that disturbs with any
+that makes it smaller."""
+
 
 def _units(unit: str) -> Iterator[tuple[str, str, float]]:
     known = FACTORS[unit]
@@ -58,16 +62,32 @@ def of_vector(excerpt: Excerpt, source: Source) -> Iterator[Amendment]:
             change.cost,
             keys=keys,
         )
-    yield from _of_units(source, names, stated.unit)
+    yield from _of_units(source, names, stated.unit, near=_NEAR)
 
 
-def _of_units(source: Source, names: Sequence[str], unit: str) -> Iterator[Amendment]:
-    """All columns of a quantity in another unit."""
+def _of_units(
+    source: Source, names: Sequence[str], unit: str, near: Sequence[float] = ()
+) -> Iterator[Amendment]:
+    """All columns of a quantity in another unit.
+
+    Args:
+        source: Instrument and quantity.
+        names: Of its columns.
+        unit: That is stated.
+        near: Of a factor those that must not do as well. Of forces any may: their scale is that of
+            the body.
+    """
     for other, what, factor in _units(unit):
-        change = mapped(source, factor * np.eye(len(names)))
+        one = np.eye(len(names))
         keys = [scale_key(dict.fromkeys(names, factor))]
         yield Subject(*source).amendment(
-            "unit", what, units_key(names, other), change, SIMPLE, keys=keys
+            "unit",
+            what,
+            units_key(names, other),
+            mapped(source, factor * one),
+            SIMPLE,
+            keys=keys,
+            neighbours=[mapped(source, factor * each * one) for each in near],
         )
 
 

@@ -19,7 +19,7 @@ from steelyard.inspection.agreements.agreement import InstrumentAgreement
 from steelyard.inspection.agreements.excerpt import Excerpt
 from steelyard.inspection.agreements.judgement import Judged, evaluated, judged
 from steelyard.inspection.agreements.motion import Relation, is_of_motion
-from steelyard.inspection.mistakes.amendment import ROBOT, Amendment
+from steelyard.inspection.mistakes.amendment import ROBOT, Amendment, Change
 from steelyard.inspection.mistakes.catalogue import amendments, clock_amendments
 from steelyard.inspection.mistakes.clocks import SYNC_AUTO
 from steelyard.inspection.settings import MISTAKES, MistakeSettings
@@ -140,7 +140,7 @@ def _best(now: Judged, settings: MistakeSettings) -> tuple[Mistake, Judged] | No
         _try_all(now, suspects, before, tried, begun, settings)
         tried.sort(key=lambda trial: -trial.gain)
         for trial in tried[: settings.considered]:
-            if _helps_much(now, trial, settings):
+            if _helps_much(now, trial, settings) and not _any_helps(now, trial, settings):
                 return _named(now, trial, tried, settings)
         before = frozenset(suspects)
     return None
@@ -202,8 +202,31 @@ def _tried(
     gain = sum(now.agreements[relation].cost for relation in touched) - amendment.cost
     if gain < least:
         return None
+    return _evaluated(now, amendment, amendment.change, touched, gain, least, settings)
+
+
+def _evaluated(
+    now: Judged,
+    amendment: Amendment,
+    change: Change,
+    touched: Sequence[Relation],
+    gain: float,
+    least: float,
+    settings: MistakeSettings,
+) -> _Trial | None:
+    """See :func:`_tried`, with one change.
+
+    Args:
+        now: What contradicts what.
+        amendment: That is tried.
+        change: What is made of the excerpt.
+        touched: Agreements that may be others then.
+        gain: If these were perfect.
+        least: Gain that is wanted.
+        settings: How agreements are compared.
+    """
     try:
-        amended = amendment.change(now.excerpt)
+        amended = change(now.excerpt)
     except (ValueError, np.linalg.LinAlgError):
         return None
     after: dict[Relation, InstrumentAgreement] = {}
@@ -217,6 +240,17 @@ def _tried(
         if gain < least:
             return None
     return _Trial(gain, amendment, amended, after)
+
+
+def _any_helps(now: Judged, trial: _Trial, settings: MistakeSettings) -> bool:
+    """Whether changes by somewhat more or less explain about as much, so that it is not this one."""
+    amendment, touched = trial.amendment, list(trial.after)
+    most = sum(now.agreements[each].cost for each in touched) - amendment.cost
+    least = trial.gain - settings.equal
+    return any(
+        _evaluated(now, amendment, each, touched, most, least, settings) is not None
+        for each in amendment.neighbours
+    )
 
 
 def _helps_much(now: Judged, trial: _Trial, settings: MistakeSettings) -> bool:
