@@ -164,6 +164,11 @@ class MotionSettings:
     """Of the logarithm of the intensity: the likelihood is flat at its maximum."""
     jerk_iterations: int = 20
     """Evaluations of the likelihood in that search at most: it needs 6 to 16."""
+    much_wider: float = 3.0
+    """Ratio of the spacing that all but places ask for to that which places ask for, at least."""
+    no_motion: float = 100.0
+    """Log likelihood by which finer knots are worse for rates and accelerations, from which what asks
+    for them is no motion."""
     as_likely: float = 2.0
     """Log likelihood by which a wider spacing may be worse and is still taken: odds of 7 to 1,
     which are no strong evidence for finer knots [Kass1995]_."""

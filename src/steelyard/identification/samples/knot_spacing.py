@@ -21,6 +21,7 @@ from scipy.sparse import csr_array, dia_array
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.settings import MOTION, MotionSettings
+from steelyard.identification.samples.motion_noise import LEAST_RAPID, rapid_scatter
 from steelyard.identification.samples.motion_streams import MotionStream, steps_of
 from steelyard.rotations import quaternions_of
 from steelyard.smoothing import DEGREE, knots
@@ -117,21 +118,46 @@ def best_spacing(
         end: Of the interval [s].
         settings: With what is about as likely.
     """
-    inside = []
-    for stream in streams:
+    found = _evidences(streams, candidates, start, end, settings)
+    return _widest(found, candidates, settings)
+
+
+def _evidences(
+    streams: Sequence[Channelled],
+    candidates: Sequence[float],
+    start: float,
+    end: float,
+    settings: MotionSettings,
+) -> Array:
+    """Evidence of each stream on knots of each spacing, shape (s, c): nothing of a stream that is not
+    there.
+    """
+    found = np.zeros((len(streams), len(candidates)))
+    grids = [knots(start, end, spacing) for spacing in candidates]
+    for stream, row in zip(streams, found, strict=True):
         use = (stream.time >= start) & (stream.time <= end)
         if use.sum() > 2 * DEGREE:
-            inside.append(
-                Channelled(stream.time[use], stream.values[use], stream.order, stream.sigma)
-            )
-    if not inside:
+            part = Channelled(stream.time[use], stream.values[use], stream.order, stream.sigma)
+            row[:] = [evidence(part, grid, settings) for grid in grids]
+    return found
+
+
+def _is_quiet(stream: Channelled, settings: MotionSettings) -> bool:
+    """Whether what is fast in a stream is no more than its stated noise."""
+    if stream.sigma is None or len(stream.values) < LEAST_RAPID:
+        return False
+    return rapid_scatter(stream.values) < settings.shaken * stream.sigma
+
+
+def _widest(found: Array, candidates: Sequence[float], settings: MotionSettings) -> float:
+    """The widest spacing that is about as likely as the best, by evidences of shape (s, c); the first
+    where there are none.
+    """
+    if not found.any():
         return candidates[0]
-    found = []
-    for spacing in candidates:
-        grid = knots(start, end, spacing)
-        found.append(sum(evidence(each, grid, settings) for each in inside))
-    least = max(found) - settings.as_likely
-    return max(spacing for spacing, each in zip(candidates, found, strict=True) if each >= least)
+    whole = found.sum(axis=0)
+    least = whole.max() - settings.as_likely
+    return max(spacing for spacing, each in zip(candidates, whole, strict=True) if each >= least)
 
 
 def closest_spacing(
@@ -207,8 +233,18 @@ def chosen_spacing(
     limit = settings.finest if experiment.robot.m else settings.finest_on_sensor
     finest = closest_spacing(experiment, streams, settings)
     widest = max(finest, min(settings.widest, (end - start) / 8))
-    candidates = np.geomspace(finest, widest, 1 + int(np.ceil(2 * np.log2(widest / finest))))
-    best = best_spacing(channelled, [float(c) for c in candidates], start, end, settings=settings)
+    count = 1 + int(np.ceil(2 * np.log2(widest / finest)))
+    candidates = [float(each) for each in np.geomspace(finest, widest, count)]
+    found = _evidences(channelled, candidates, start, end, settings)
+    best = _widest(found, candidates, settings)
+    if {1, 2} <= {each.order for each in channelled if _is_quiet(each, settings)}:
+        # What is that fast shows in rates and accelerations by far the most: a place that jumps does not.
+        places = np.array([not s.order and "position" in s.determines for s in streams])
+        beside = _widest(found[~places], candidates, settings)
+        of_rates = found[[each.order > 0 for each in channelled]].sum(axis=0)
+        at_best, at_beside = of_rates[[candidates.index(each) for each in (best, beside)]]
+        if beside > settings.much_wider * best and at_best < at_beside - settings.no_motion:
+            best = beside
     force_samples = [
         float(np.median(np.diff(s.common)))
         for s in streams
