@@ -459,8 +459,10 @@ def _largest_of_forces(task: Task, state: FitState) -> dict[Source, float]:
         if forces is None or segment.static or not task.experiment.robot.m:
             continue
         for each in segment.processes:
-            owner, name = each.source
-            if each.source in UNMODELLED_PARTS or owner != forces.name:
+            if each.source in UNMODELLED_PARTS or each.level_stated:
+                continue
+            owner, name = each.disturbs
+            if owner != forces.name:
                 continue
             usual = float(np.nanmedian(np.abs(forces.readings[name])))
             most = task.settings.largest_drift * usual / float(np.median(each.sizes))
