@@ -51,16 +51,11 @@ def main(count: int) -> None:
             write(path, found)
             topics = list(FORMATS[path.suffix].topics(path)) or [None]
             read(path, topics, fenced=True)
-            here, with_limits = (
-                np.median(each)
-                for each in zip(
-                    *(
-                        [read(path, topics, fenced=fenced) for fenced in (False, True)]
-                        for _ in range(TURNS)
-                    ),
-                    strict=True,
-                )
-            )
+            turns = [
+                [read(path, topics, fenced=fenced) for fenced in (False, True)]
+                for _ in range(TURNS)
+            ]
+            here, with_limits = np.median(turns, axis=0)
             size = path.stat().st_size / (1 << 20)
             print(
                 f"| {path.suffix} | {size:.1f} | {here:.3f} | {with_limits:.3f} |"

@@ -6,7 +6,6 @@ The recordings are made first, and not counted; every command is a process of it
 
 from __future__ import annotations
 
-import resource
 import shutil
 import subprocess
 import sys
@@ -14,6 +13,8 @@ import tempfile
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
+
+from children import seconds_of_children
 
 STEELYARD = [sys.executable, "-m", "steelyard"]
 
@@ -112,7 +113,7 @@ def _run(folder: Path, words: str) -> subprocess.CompletedProcess[str]:
 
 def done(task: Task, folder: Path) -> tuple[int, int, float, int]:
     """Commands, edited lines, CPU [s], words; ends where a command fails."""
-    before, words, ended = resource.getrusage(resource.RUSAGE_CHILDREN), 0, None
+    before, words, ended = seconds_of_children(), 0, None
     for i, command in enumerate(task.commands):
         if i == len(task.commands) - 1:
             for name, old, new in task.edits:
@@ -121,8 +122,7 @@ def done(task: Task, folder: Path) -> tuple[int, int, float, int]:
         words += len(f"{ended.stdout} {ended.stderr}".split())
     if ended is None or ended.returncode != task.ends:
         raise SystemExit(f"{task.what}: {ended and (ended.stderr or ended.stdout)}")
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    spent = seconds_of_children() - before
     return len(task.commands), len(task.edits), spent, words
 
 

@@ -10,13 +10,14 @@ that of the work is what can be said (it leaves out only what workers wait).
 from __future__ import annotations
 
 import os
-import resource
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
+
+from children import seconds_of_children
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
@@ -57,14 +58,12 @@ def alone(data: Path, out: Path, method: str, count: int) -> float:
 def timed(data: Path, out: Path, method: str, *engine: str) -> tuple[float, float]:
     """Wall and CPU time of a campaign and of the processes that it begins [s]."""
     words = ["campaign", str(data), "--out", str(out), "--method", method, "--quiet", *engine]
-    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    before, start = seconds_of_children(), time.perf_counter()
     subprocess.run(
         [sys.executable, "-m", "steelyard", *words], stdout=subprocess.DEVNULL, check=True
     )
     wall = time.perf_counter() - start
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return wall, cpu
+    return wall, seconds_of_children() - before
 
 
 def cpu_of(processes: list[int]) -> float:

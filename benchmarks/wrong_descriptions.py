@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -13,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from children import seconds_of_children
 from recordings import SHARED, recordings
 from sound import SOUND
 
@@ -47,7 +47,7 @@ def timed(experiment: Experiment) -> tuple[bool, str, float]:
         place = Path(folder) / "recording"
         place.mkdir()
         write_experiment(experiment, place, tables="parquet")
-        before = _spent()
+        before = seconds_of_children()
         command = [
             sys.executable,
             "-m",
@@ -58,16 +58,11 @@ def timed(experiment: Experiment) -> tuple[bool, str, float]:
             f"{folder}/out",
         ]
         ended = subprocess.run(command, capture_output=True, text=True, check=False)
-        taken = _spent() - before
+        taken = seconds_of_children() - before
         if ended.returncode not in (0, 3):
             return False, ended.stderr, taken
         estimate = json.loads(Path(folder, "out", "estimate.json").read_text("utf-8"))
     return ended.returncode == 3, estimate.get("amendment") or "", taken
-
-
-def _spent() -> float:
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 def main(*, alarms: bool) -> None:

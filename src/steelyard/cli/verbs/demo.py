@@ -88,7 +88,8 @@ def _introduce() -> None:
     from steelyard.robot.file import read_robot
 
     robot = read_robot("cogiro")
-    mass = robot.platform.mass if robot.platform is not None else 0.0
+    assert robot.platform is not None  # the file has one
+    mass = robot.platform.mass
     say(
         f"CoGiRo: {robot.m} cables, and a platform of {mass:g} kg that nobody weighs. Its motion is"
     )

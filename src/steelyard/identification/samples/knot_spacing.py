@@ -9,7 +9,7 @@ distributions of readings. Everything is banded.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -41,6 +41,8 @@ class Channelled:
     """Derivative of the motion that it reads: 0 the pose, 1 its rate, 2 its acceleration."""
     sigma: float | None
     """1-sigma per sample; None: not stated."""
+    is_place: bool = False
+    """Whether it reads where something is, which may jump."""
 
 
 def evidence(stream: Channelled, grid: Array, settings: MotionSettings = MOTION) -> float:
@@ -111,6 +113,9 @@ def best_spacing(
 ) -> float:
     """The widest spacing of knots that is about as likely as the best.
 
+    What is fast shows in rates and accelerations by far the most. Where these are quiet, and finer
+    knots than they ask for only make them worse, a place that jumps is no motion.
+
     Args:
         streams: Of one motion.
         candidates: Spacings [s], ascending.
@@ -119,7 +124,16 @@ def best_spacing(
         settings: With what is about as likely.
     """
     found = _evidences(streams, candidates, start, end, settings)
-    return _widest(found, candidates, settings)
+    best = _widest(found, settings)
+    if {1, 2} <= {each.order for each in streams if _is_quiet(each, settings)}:
+        beside = _widest(found[[not each.is_place for each in streams]], settings)
+        of_rates = found[[each.order > 0 for each in streams]].sum(axis=0)
+        if (
+            candidates[beside] > settings.much_wider * candidates[best]
+            and of_rates[best] < of_rates[beside] - settings.no_motion
+        ):
+            best = beside
+    return candidates[best]
 
 
 def _evidences(
@@ -137,7 +151,7 @@ def _evidences(
     for stream, row in zip(streams, found, strict=True):
         use = (stream.time >= start) & (stream.time <= end)
         if use.sum() > 2 * DEGREE:
-            part = Channelled(stream.time[use], stream.values[use], stream.order, stream.sigma)
+            part = replace(stream, time=stream.time[use], values=stream.values[use])
             row[:] = [evidence(part, grid, settings) for grid in grids]
     return found
 
@@ -149,15 +163,14 @@ def _is_quiet(stream: Channelled, settings: MotionSettings) -> bool:
     return rapid_scatter(stream.values) < settings.shaken * stream.sigma
 
 
-def _widest(found: Array, candidates: Sequence[float], settings: MotionSettings) -> float:
-    """The widest spacing that is about as likely as the best, by evidences of shape (s, c); the first
-    where there are none.
+def _widest(found: Array, settings: MotionSettings) -> int:
+    """Place of the widest spacing that is about as likely as the best, by evidences of shape (s, c); the
+    first where there are none.
     """
     if not found.any():
-        return candidates[0]
+        return 0
     whole = found.sum(axis=0)
-    least = whole.max() - settings.as_likely
-    return max(spacing for spacing, each in zip(candidates, whole, strict=True) if each >= least)
+    return int(np.flatnonzero(whole >= whole.max() - settings.as_likely)[-1])
 
 
 def closest_spacing(
@@ -227,24 +240,16 @@ def chosen_spacing(
             # A quaternion turns half as fast as the rotation vector.
             sigma = sigma / 2 if sigma else None
         complete = np.isfinite(values).all(axis=1)
+        is_place = not stream.order and "position" in stream.determines
         channelled.append(
-            Channelled(stream.common[complete], values[complete], stream.order, sigma)
+            Channelled(stream.common[complete], values[complete], stream.order, sigma, is_place)
         )
     limit = settings.finest if experiment.robot.m else settings.finest_on_sensor
     finest = closest_spacing(experiment, streams, settings)
     widest = max(finest, min(settings.widest, (end - start) / 8))
     count = 1 + int(np.ceil(2 * np.log2(widest / finest)))
     candidates = [float(each) for each in np.geomspace(finest, widest, count)]
-    found = _evidences(channelled, candidates, start, end, settings)
-    best = _widest(found, candidates, settings)
-    if {1, 2} <= {each.order for each in channelled if _is_quiet(each, settings)}:
-        # What is that fast shows in rates and accelerations by far the most: a place that jumps does not.
-        places = np.array([not s.order and "position" in s.determines for s in streams])
-        beside = _widest(found[~places], candidates, settings)
-        of_rates = found[[each.order > 0 for each in channelled]].sum(axis=0)
-        at_best, at_beside = of_rates[[candidates.index(each) for each in (best, beside)]]
-        if beside > settings.much_wider * best and at_best < at_beside - settings.no_motion:
-            best = beside
+    best = best_spacing(channelled, candidates, start, end, settings=settings)
     force_samples = [
         float(np.median(np.diff(s.common)))
         for s in streams

@@ -85,10 +85,10 @@ class ForceStretch:
         return before, (steps - before)[:, None]
 
     def at_samples(self, instants: Array) -> Array:
-        """What is at the instants, at the samples, shape (..., n, 3) from (..., t, 3)."""
+        """What is at the instants, at the samples, shape (n, 3) from (t, 3)."""
         before, share = self._between
-        after = np.minimum(before + 1, instants.shape[-2] - 1)
-        return np.asarray(instants[..., before, :] * (1 - share) + instants[..., after, :] * share)
+        after = np.minimum(before + 1, len(instants) - 1)
+        return np.asarray(instants[before] * (1 - share) + instants[after] * share)
 
 
 def innovations(rows: Array, use: NDArray[np.bool_], kept: float) -> Array:

@@ -132,7 +132,7 @@ def _resonance(found: Posterior, settings: VerdictSettings) -> Resonance | None:
         if lowest >= kind.highest:
             continue
         if kind.at_any_angle and not any(each.is_disturbed for each in stretches):
-            # So large a pull would have been missed.
+            # What pulls so far has left an unmodelled wrench.
             continue
         frequencies = _frequencies(kind, lowest, duration)
         begun = [_Asked.of(each, kind) for each in stretches]
@@ -287,10 +287,11 @@ class _Asked:
         return innovations(white, stretch.use, stretch.kept)
 
 
-def _tested(asked: Sequence[_Asked], frequencies: Array) -> list[_Test]:
+def _tested(asked: Sequence[_Asked], frequencies: Array) -> Iterator[_Test]:
     """A pull at one point of the platform, which is as unknown as its mass, at each frequency [Hz]."""
     together = zip(frequencies, *(each.rows(frequencies) for each in asked), strict=True)
-    return [_fall(asked, float(frequency), rows) for frequency, *rows in together]
+    for frequency, *rows in together:
+        yield _fall(asked, float(frequency), rows)
 
 
 def _fall(asked: Sequence[_Asked], frequency: float, rows: Sequence[Array]) -> _Test:

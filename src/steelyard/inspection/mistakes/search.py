@@ -140,7 +140,7 @@ def _best(now: Judged, settings: MistakeSettings) -> tuple[Mistake, Judged] | No
         _try_all(now, suspects, before, tried, begun, settings)
         tried.sort(key=lambda trial: -trial.gain)
         for trial in tried[: settings.considered]:
-            if _helps_much(now, trial, settings) and not _any_helps(now, trial, settings):
+            if _helps_much(now, trial, settings) and not _neighbours_help(now, trial, settings):
                 return _named(now, trial, tried, settings)
         before = frozenset(suspects)
     return None
@@ -242,8 +242,8 @@ def _evaluated(
     return _Trial(gain, amendment, amended, after)
 
 
-def _any_helps(now: Judged, trial: _Trial, settings: MistakeSettings) -> bool:
-    """Whether changes by somewhat more or less explain about as much, so that it is not this one."""
+def _neighbours_help(now: Judged, trial: _Trial, settings: MistakeSettings) -> bool:
+    """Whether changes by somewhat more or less explain about as much, so that it is none of them."""
     amendment, touched = trial.amendment, list(trial.after)
     most = sum(now.agreements[each].cost for each in touched) - amendment.cost
     least = trial.gain - settings.equal
