@@ -156,7 +156,7 @@ def test_what_seems_to_touch_it_again_and_again_is_no_touch(rough):
 @pytest.mark.mujoco
 @pytest.mark.slow
 def test_a_load_that_swings_far_is_named(rough):
-    # As an oscillator it took 31 off the cost, as a string at any angle 750; it was accepted, 15 times
+    # As an oscillator it took 31 off the cost, as a string at any angle 780; it was accepted, 15 times
     # its covariance off.
     found = resonance(rough("cogiro", "load-swings", 7))
     assert found.name == "swings"
