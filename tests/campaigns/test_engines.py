@@ -1,6 +1,6 @@
 """Every engine does every task once, whatever happens to its workers."""
 
-import gc
+import asyncio
 import multiprocessing
 import os
 
@@ -110,13 +110,38 @@ def test_an_error_in_dask_is_that_of_its_task(cluster, tmp_path):
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "tcp://"])
 @pytest.mark.filterwarnings("ignore")
 def test_a_scheduler_that_does_not_answer_is_one_sentence(address, monkeypatch):
-    distributed = pytest.importorskip("distributed")
+    pytest.importorskip("distributed")
     monkeypatch.setattr("steelyard.campaigns.engines.dask_cluster._CONNECT", 0.5)
     with pytest.raises(InputError, match="scheduler: expected the address") as error:
         connected(address).__enter__()
     assert "\n" not in str(error.value)
-    # One that is collected while the next one begins would wait for ever.
-    assert not [each for each in gc.get_objects() if type(each) is distributed.Client]
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_no_client_is_made_where_no_scheduler_answers(cluster, monkeypatch):
+    """One that is collected while the next one begins would wait for ever."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr("steelyard.campaigns.engines.dask_cluster._CONNECT", 0.5)
+
+    def none(*_args, **_named):
+        raise AssertionError("a client was made")
+
+    monkeypatch.setattr(distributed, "Client", none)
+    worker = next(iter(cluster.scheduler_info["workers"]))
+    for address in ("tcp://127.0.0.1:9", worker):
+        with pytest.raises(InputError, match="scheduler: expected the address"):
+            connected(address).__enter__()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_a_scheduler_is_found_from_within_a_loop_that_runs(cluster):
+    """That of a notebook."""
+
+    async def inside():
+        with connected(cluster.scheduler_address) as client:
+            return client.status
+
+    assert asyncio.run(inside()) == "running"
 
 
 @pytest.mark.parametrize(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import gc
+import asyncio
 import logging
 import threading
 from collections.abc import Generator, Iterable, Iterator
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -120,11 +120,9 @@ def connected(address: str) -> Iterator[Any]:
     _silence()
     client = None
     with suppress(OSError, ValueError, TypeError):
-        client = Client(address, timeout=_CONNECT)
+        if _is_scheduler(address):
+            client = Client(address, timeout=_CONNECT)
     if client is None:
-        # A client that nobody answered closes itself when it is collected. Where that comes within
-        # the beginning of another one, both want the same lock of Dask, and wait for ever.
-        gc.collect()
         raise InputError(
             f"--scheduler: expected the address of a Dask scheduler (tcp://HOST:PORT), found"
             f" '{address}', where none answers; check the address, or start one with 'dask"
@@ -134,6 +132,30 @@ def connected(address: str) -> Iterator[Any]:
         yield client
     finally:
         client.close(timeout=2)
+
+
+def _is_scheduler(address: str) -> bool:
+    """Whether a scheduler answers at an address, asked without a client.
+
+    A client that nobody answered lives on in the thread of its loop, and closes itself whenever it
+    is collected. Where that comes within the beginning of another one, both want the same lock of
+    Dask, and wait for ever. So none is made before a scheduler has answered.
+
+    Raises:
+        OSError: Nothing answers in time.
+        ValueError: This is no address.
+        TypeError: It is one of a kind that needs certificates or packages.
+    """
+    from distributed import rpc
+
+    async def asked() -> bool:
+        async with rpc(address, timeout=_CONNECT) as there:
+            answer = await asyncio.wait_for(there.identity(), _CONNECT)
+        return bool(answer.get("type") == "Scheduler")
+
+    # In a thread of its own: a notebook's has a loop that runs.
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(lambda: asyncio.run(asked())).result()
 
 
 def _silence() -> None:
