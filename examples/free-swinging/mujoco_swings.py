@@ -13,6 +13,7 @@ from steelyard.experiment.recording import Run, Stream
 from steelyard.experiment.unread import with_unread_cables
 from steelyard.inertia import Inertia
 from steelyard.instruments.pose import Pose
+from steelyard.instruments.tension import Tension
 from steelyard.robot.model import CableProperties, Robot
 
 STEP = 5e-4  # [s]
@@ -107,8 +108,25 @@ SEEN = {"frame": {"position": 0.005, "rotation": 0.003}, "misalignment": 0.003, 
 """1-sigma of where motion capture stands and what it sees of the platform [m], [rad]."""
 
 
+CELLS = {
+    "kind": "tension",
+    "noise": 0.1,
+    "calibration": {"gain": 0.01, "common_gain": 0.005, "offset": 1.0},
+}
+"""Force sensors in the cables [N]."""
+
+
 def swings(
-    m, runs, seed, duration=10.0, noise=(3e-4, 5e-4), geometry=0.002, body=BODY, misplaced=False
+    m,
+    runs,
+    seed,
+    duration=10.0,
+    noise=(3e-4, 5e-4),
+    geometry=0.002,
+    body=BODY,
+    misplaced=False,
+    weighed=0,
+    air=0.0,
 ):
     """Pushed by hand on locked cables, seen by motion capture once the hands are off.
 
@@ -121,6 +139,9 @@ def swings(
         geometry: Errors of anchors and attachments, 1-sigma [m].
         body: That swings.
         misplaced: Whether motion capture is off by what is stated of it; else it is exact.
+        weighed: Recordings, of the first ones, in which force sensors are read too, which are off
+            by what is stated of them; of the winches nothing is said there.
+        air: Rate at which air slows the platform [1/s].
     """
     rng = np.random.default_rng(seed)
     drawn = swinging_robot(m)
@@ -144,9 +165,13 @@ def swings(
         Rotation.from_rotvec(sigma * each)
         for sigma, each in ((SEEN["frame"]["rotation"], off[2]), (SEEN["misalignment"], off[3]))
     )
+    apart = np.random.default_rng([*np.atleast_1d(seed), 10])
+    stated = CELLS["calibration"]
+    gain = 1 + stated["gain"] * apart.normal(size=m) + stated["common_gain"] * apart.normal()
+    offset = stated["offset"] * apart.normal(size=m)
     found = []
     for i in range(runs):
-        seen = _swing(true, body, rng, duration)
+        seen, pulls = _swing(true, body, rng, duration, air)
         time = 5.0 + np.arange(len(seen)) / RATE
         turned = Rotation.from_quat(seen[:, 3:7], scalar_first=True)
         place = frame.inv().apply(seen[:, :3] + turned.apply(target) - origin)
@@ -156,14 +181,23 @@ def swings(
             "position": place + noise[0] * rng.normal(size=(len(seen), 3)),
             "orientation": turned.as_matrix(),
         }
-        found.append(Run(f"swing {i}", {"pose": Stream(time, values, "MuJoCo")}, locked=True))
+        streams = {"pose": Stream(time, values, "MuJoCo")}
+        if i < weighed:
+            read = gain * pulls + offset + CELLS["noise"] * apart.normal(size=pulls.shape)
+            streams["cables"] = Stream(time, {"tension": read}, "MuJoCo")
+        found.append(Run(f"swing {i}", streams, locked=i >= weighed))
     uncertainty = {"anchor": geometry, "attachment": geometry, "gravity": 0.005}
-    experiment = Experiment("swings", drawn, {"pose": pose}, tuple(found), uncertainty=uncertainty)
+    instruments = {"pose": pose}
+    if weighed:
+        instruments["cables"] = Tension.model_validate({**CELLS, "clock": "pose"})
+    experiment = Experiment("swings", drawn, instruments, tuple(found), uncertainty=uncertainty)
     return Swings(with_unread_cables(experiment), body, true)
 
 
-def _swing(robot, body, rng, duration):
-    """Poses after some pushes, of a swing in which every cable stays taut, shape (n, 7)."""
+def _swing(robot, body, rng, duration, air):
+    """Poses after some pushes, of a swing in which every cable stays taut, shape (n, 7), and how hard
+    the cables pull [N], shape (n, m).
+    """
     every = round(1 / RATE / STEP)
     while True:
         place = np.array([rng.uniform(-0.6, 0.6), rng.uniform(-0.4, 0.4), rng.uniform(0.8, 1.6)])
@@ -174,7 +208,7 @@ def _swing(robot, body, rng, duration):
         # In honey until it hangs still.
         model.dof_damping[:] = 6 * body.mass * np.array([1, 1, 1, 0.1, 0.1, 0.1])
         mujoco.mj_step(model, data, 30_000)
-        model.dof_damping[:] = 0.0
+        model.dof_damping[:] = air * body.mass * np.array([1, 1, 1, 0.1, 0.1, 0.1])
         pushes = [
             (rng.uniform(0, 1.5), body.mass * rng.normal(size=6) * [1, 1, 0.3, 0.15, 0.15, 0.15])
             for _ in range(2)
@@ -185,12 +219,18 @@ def _swing(robot, body, rng, duration):
                 w * np.sin(np.pi * (now - s) / 0.6) ** 2 for s, w in pushes if s < now < s + 0.6
             )
             mujoco.mj_step(model, data)
-        seen = []
+        seen, pulls = [], []
         for _ in range(round(duration * RATE)):
             seen.append(data.qpos.copy())
-            taut = bool((data.ten_length > lengths).all())
+            # Anew: MuJoCo keeps what it computed before the last step.
+            mujoco.mj_forward(model, data)
+            stretch = data.ten_length - lengths
+            taut = bool((stretch > 0).all())
+            pulls.append(
+                model.tendon_stiffness * stretch + model.tendon_damping * data.ten_velocity
+            )
             if not taut:
                 break
             mujoco.mj_step(model, data, every)
         if taut:
-            return np.array(seen)
+            return np.array(seen), np.array(pulls)

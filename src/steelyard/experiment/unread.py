@@ -125,6 +125,22 @@ def is_unread(experiment: Experiment) -> bool:
     )
 
 
+def moves_unread(experiment: Experiment) -> bool:
+    """Whether the platform moves in a run that reads no forces, beside others or not."""
+    return any(
+        isinstance(experiment.instruments.get(experiment.force_instrument(run) or ""), UnreadCables)
+        for run in experiment.runs
+        if not run.static
+    )
+
+
+def unread_runs(experiment: Experiment) -> list[str]:
+    """Names of runs that read no forces, beside others that do."""
+    if is_unread(experiment):
+        return []
+    return [run.name for run in experiment.runs if not _weighs(experiment, run)]
+
+
 def _weighs(experiment: Experiment, run: Run) -> bool:
     """Whether a run reads forces."""
     name = experiment.force_instrument(run)

@@ -52,8 +52,14 @@ class Recursive(PosteriorMethod):
         return AsItArrives(self.settings, self.recursion)
 
     def lack(self, experiment: Experiment) -> str:
-        """A run in motion, where there is none."""
-        if any(not run.static for run in experiment.runs):
+        """A run in motion, where there is none, and one force instrument for all of them."""
+        moving = [run for run in experiment.runs if not run.static]
+        if len({experiment.force_instrument(run) for run in moving}) > 1:
+            return (
+                "it needs one force instrument in all runs in motion, found several, or runs"
+                " without forces beside others; use maximum-likelihood"
+            )
+        if moving:
             return ""
         return "it needs a run in motion, found poses at rest alone; use maximum-likelihood"
 

@@ -23,7 +23,7 @@ from steelyard.dynamics import platform_regressor
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate, plausible_radius
 from steelyard.experiment.model import Experiment
-from steelyard.experiment.unread import is_unread
+from steelyard.experiment.unread import is_unread, unread_runs
 from steelyard.identification.methods.body_fit import BodyFit, finish, from_two_steps, median, merge
 from steelyard.identification.methods.linear import LinearFit, block_sums, covariance_of, solve
 from steelyard.identification.methods.settings import TWO_STEP, TwoStepSettings
@@ -76,6 +76,9 @@ class TwoStep:
         Raises:
             InputError: A run lacks what the method needs.
         """
+        unread = unread_runs(experiment)
+        weighed = tuple(run for run in experiment.runs if run.name not in unread)
+        experiment = replace(experiment, runs=weighed)
         runs = []
         for i, run in enumerate(experiment.runs):
             if progress:
@@ -93,6 +96,9 @@ class TwoStep:
         estimate = replace(
             estimate, notes=(*estimate.notes, *_not_in_sigma(experiment, self.acceleration))
         )
+        if unread:
+            note = f"runs that read no forces are left out: {', '.join(unread)}"
+            estimate = replace(estimate, notes=(*estimate.notes, note))
         details = dict(estimate.details)
         offset = details.pop("offset", None)
         forces = {experiment.force_instrument(run) for run in experiment.runs}

@@ -31,8 +31,8 @@ from steelyard.identification.solve.between_fits.finer_knots import (
     begun_again,
     coarse_runs,
     finer_explain,
-    force_level,
     on_finer_knots,
+    scatter_of_forces,
     unfollowed,
     vibrations_of,
 )
@@ -237,13 +237,13 @@ def fit_readings(
         numpy.linalg.LinAlgError: The motion is not determined.
     """
     readings, begun = undisturbed_swings(readings, begun)
-    found = _fitted(readings, begun, tell, {})
+    readings, found = _fitted(readings, begun, tell, {})
     if vibrations := vibrations_of(readings, found) or unfollowed(readings, found, vibrating):
         tell("following a vibration", 0.4)
         readings = on_finer_knots(readings, vibrations)
         begun = with_body(readings, begun_again(readings, found, vibrations))
         readings, begun = undisturbed_swings(readings, begun)
-        found = _fitted(readings, begun, tell, vibrations)
+        readings, found = _fitted(readings, begun, tell, vibrations)
     found = _as_forces_ask(readings, found, tell)
     tell("what nothing explains", 0.8)
     usual = found.task.calibration_parameters
@@ -271,27 +271,43 @@ def _as_forces_ask(readings: Readings, found: Fitted, tell: Tell) -> Fitted:
     instruments ask for, as those of a large or heavy platform do; the very same where these explain
     none of what is left of the forces.
     """
-    for _ in range(readings.settings.finer_turns):
-        coarse = coarse_runs(readings, found)
-        if not coarse:
+    for _ in range(readings.settings.finer_turns if found.fit.converged else 0):
+        closer = _closer(readings, found, found)
+        if closer is None:
             break
-        finer = on_finer_knots(readings, coarse)
-        begun = with_body(finer, begun_again(finer, found, coarse))
-        if not finer_explain(begun, found):
-            break
-        tell("following what the forces resolve", 0.5)
-        finer, begun = undisturbed_swings(finer, begun)
-        tried = _fitted(finer, begun, tell, {})
-        if not tried.fit.converged or force_level(tried) >= force_level(found):
+        finer, tried = _fitted(*closer, tell, {})
+        if not tried.fit.converged or _scatter(tried) >= _scatter(found):
             break
         readings, found = finer, tried
     return found
 
 
+def _scatter(found: Fitted) -> float:
+    """Of the forces that scatter most, see :func:`scatter_of_forces`; 1 at least."""
+    return max((1.0, *scatter_of_forces(found, found.fit.ratios).values()))
+
+
+def _closer(readings: Readings, before: Fitted, found: Fitted) -> tuple[Readings, Beginning] | None:
+    """Finer knots that explain what is left of the forces, and the beginning on them; None: there are
+    no such ones.
+
+    Args:
+        readings: Of the experiment.
+        before: Where to begin.
+        found: A fit, with what is left.
+    """
+    coarse = coarse_runs(readings, found)
+    if not coarse:
+        return None
+    finer = on_finer_knots(readings, coarse)
+    begun = with_body(finer, begun_again(finer, before, coarse))
+    return undisturbed_swings(finer, begun) if finer_explain(begun, found) else None
+
+
 def _fitted(
     readings: Readings, begun: Beginning, tell: Tell, vibrations: Mapping[str, FinerKnots]
-) -> Fitted:
-    """Motion and forces, leaving out what stands alone."""
+) -> tuple[Readings, Fitted]:
+    """Motion and forces, leaving out what stands alone; and the readings on the knots that it took."""
     tell("motion and forces", 0.5)
     task = replace(begun.task, force_samples=readings.force_samples)
     task, state = with_jitter(task, with_stated(task, begun.state))
@@ -303,7 +319,34 @@ def _fitted(
         state = fit(replace(task, active=active), state).state
     fitted = cut(readings, begun, task, state, tell, vibrations)
     if fitted.fit.converged:
-        return seen_with_tensions(fitted, 0.0)
+        return readings, seen_with_tensions(fitted, 0.0)
+    # Knots that are too wide for precise forces bend the motion, and it does not settle.
+    start = replace(fitted, fit=replace(fitted.fit, state=state))
+    for before in (fitted, start):
+        if (closer := _closer(readings, before, fitted)) is not None:
+            return _fitted(*closer, tell, {})
+    return readings, _with_what_nothing_explains(readings, begun, fitted, state, vibrations, tell)
+
+
+def _with_what_nothing_explains(
+    readings: Readings,
+    begun: Beginning,
+    fitted: Fitted,
+    state: FitState,
+    vibrations: Mapping[str, FinerKnots],
+    tell: Tell,
+) -> Fitted:
+    """Motion and forces where these alone do not arrive.
+
+    Args:
+        readings: Of the experiment.
+        begun: Where to begin.
+        fitted: What did not arrive.
+        state: From where.
+        vibrations: See :func:`.on_finer_knots`.
+        tell: Is called with what is being done and the fraction that is done.
+    """
+    task = fitted.task
     # Noise that is not stated and what nothing explains pull at each other: first the one, by a
     # noise that is left as it is, then both.
     tell("what nothing explains", 0.6)

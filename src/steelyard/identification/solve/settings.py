@@ -166,9 +166,16 @@ class FitSettings:
     second fit."""
     finer_turns: int = 3
     """Times that knots are halved where forces ask for it, at most: to an eighth."""
+    surely_larger: float = 3.0
+    """1-sigma by which a variance is beyond that of stated noise, in that of a variance of so many
+    numbers, where finer knots are tried."""
+    steps_to_explain: int = 5
+    """Steps of the motion on finer knots, at most, after which they have to explain it."""
+    hardly: float = 0.9
+    """Part of the cost that a step leaves after which further ones change little."""
     explained: float = 0.5
-    """Part of the variance of what is left of the forces that finer knots leave, at most, where they
-    are what is missing: each halving takes all but some hundredths of the error of a spline, and
+    """Part of the variance of what is left of the forces beyond their noise that finer knots leave,
+    at most, where they are what is missing: each halving takes all but some hundredths of the error of a spline, and
     nothing of noise."""
     coherence_lag: float = 0.05
     """Largest lag between the two [s]."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from steelyard.experiment.model import Experiment
-from steelyard.experiment.unread import is_unread
+from steelyard.experiment.unread import is_unread, moves_unread
 from steelyard.identification.model.calibration_parameters.keys import (
     AIR,
     ATTACHED,
@@ -51,9 +51,10 @@ def surroundings(experiment: Experiment) -> Iterator[CalibrationParameter]:
         # Of turning nothing is said but what that area may do at its size.
         turning = (air.value + air.sigma) * size**3
         stated = {AIR[0][0]: (air.value, air.sigma), AIR[1][0]: (0.0, turning)}
-    if is_unread(experiment):
-        # All that moves the platform is its weight: what decays its swings matters.
-        stated |= _decay(experiment.known["mass"][0], size)
+    if is_unread(experiment) or moves_unread(experiment):
+        # All that moves the platform there is its weight: what decays its swings matters.
+        weight = usual_tensions(experiment) / float(np.linalg.norm(experiment.robot.gravity))
+        stated |= _decay(experiment.known.get("mass", (weight, 0.0))[0], size)
         yield _rubbing(experiment)
         # Ropes and bearings that bear another load damp and rub otherwise.
         further = [load for load in experiment.loads[1:] if "mass" in load.known]

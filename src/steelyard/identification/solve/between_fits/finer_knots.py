@@ -12,6 +12,7 @@ import numpy as np
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.model.motion_segment import Segment
+from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.segmentation import recorded
 from steelyard.identification.samples.spline_through_poses import resampled
 from steelyard.identification.solve.beginning.begin import Beginning
@@ -101,14 +102,12 @@ def coarse_runs(readings: Readings, found: Fitted) -> dict[str, FinerKnots]:
     """Runs whose forces scatter more than their stated noise does and whose instruments resolve
     finer knots, with knots half as far apart.
     """
-    if not found.fit.converged:
-        return {}
+    scatter = scatter_of_forces(found, found.fit.ratios)
+    beyond = {own[0] for own, ratio in scatter.items() if _is_beyond(found, own, ratio)}
     return _on_closer(
         readings,
         found,
-        lambda segment, forces: (
-            segment.spacing / 2 if _larger_noise(found, forces.name) else segment.spacing
-        ),
+        lambda segment, forces: segment.spacing / (2 if forces.name in beyond else 1),
     )
 
 
@@ -140,36 +139,60 @@ def _on_closer(
     return closer
 
 
-def _larger_noise(found: Fitted, name: str) -> bool:
-    """Whether an instrument scatters more than its stated noise does."""
-    factors, stated = found.fit.state.factors, found.fit.stated
-    return any(own[0] == name and own in stated and f > 1.0 for own, f in factors.items())
+def scatter_of_forces(found: Fitted, ratios: Mapping[Source, float]) -> dict[Source, float]:
+    """Variance of what is left of the forces over that of their stated noise; without quantities of
+    which none is stated.
 
-
-def force_level(found: Fitted) -> float:
-    """Largest factor of the stated noise of the forces."""
+    Args:
+        found: A fit.
+        ratios: Variance over what it counts as with the levels of this fit, see :func:`.ratios_of`.
+    """
     names = {forces.name for forces in found.force_samples}
-    return max((f for own, f in found.fit.state.factors.items() if own[0] in names), default=1.0)
+    factors, stated = found.fit.state.factors, found.fit.stated
+    return {
+        own: ratio * factors.get(own, 1.0) ** 2
+        for own, ratio in ratios.items()
+        if own[0] in names and own in stated
+    }
 
 
 def finer_explain(begun: Beginning, found: Fitted) -> bool:
-    """Whether one step of the motion on other knots takes most of what is left of the forces, its
-    freedom counted: noise, and errors of the description, stay.
+    """Whether a step of the motion on other knots takes most of what is left of the forces beyond
+    their stated noise, its freedom counted: noise, and errors of the description, stay. Where a step
+    goes too far, or much farther down, as from a motion that was far from these forces, so may a
+    further one.
     """
     task = replace(begun.task, force_samples=found.force_samples)
     task, state = with_jitter(task, with_stated(task, begun.state))
-    parts, _ = linearise(task, state)
-    state = step_of(task, state, smooth(state, [each.all for each in parts])).along(
-        task, state, 1.0
-    )
     parts, tally = linearise(task, state)
-    ratios = ratios_of(task, spent_by(smooth(state, [each.all for each in parts])), tally)
-    names = {forces.name for forces in found.force_samples}
+    equations = smooth(state, [each.all for each in parts])
+    for _ in range(task.settings.steps_to_explain):
+        cost = tally.cost
+        state = step_of(task, state, equations).along(task, state, 1.0)
+        parts, tally = linearise(task, state)
+        equations = smooth(state, [each.all for each in parts])
+        after = scatter_of_forces(found, ratios_of(task, spent_by(equations), tally))
+        if _explains(found, after):
+            return True
+        if task.settings.hardly * cost < tally.cost < cost:
+            break
+    return False
+
+
+def _explains(found: Fitted, after: Mapping[Source, float]) -> bool:
+    """Whether of a quantity that scatters beyond its stated noise most of that has gone."""
     return any(
-        ratios[own] < task.settings.explained * before
-        for own, before in found.fit.ratios.items()
-        if own[0] in names and own in ratios and _larger_noise(found, own[0])
+        after.get(own, np.inf) - 1 < found.task.settings.explained * (before - 1)
+        for own, before in scatter_of_forces(found, found.fit.ratios).items()
+        if _is_beyond(found, own, before)
     )
+
+
+def _is_beyond(found: Fitted, source: Source, scatter: float) -> bool:
+    """Whether a variance over that of the stated noise is beyond what chance makes of it."""
+    count = found.fit.tally.count.get(source, 0.0)
+    surely = found.task.settings.surely_larger
+    return count > 0 and scatter > 1 + surely * float(np.sqrt(2 / count))
 
 
 def begun_again(
