@@ -118,17 +118,22 @@ def main(bodies: float = 5, runs: float = 6, processes: float = 2, geometry: flo
                 + " ".join(str(each.accepted) for each in told.values()),
                 flush=True,
             )
-    print("rms: centre of gravity [mm], moments of inertia [%], 95 % intervals cover")
+    print("rms of errors and of stated 1-sigma: centre of gravity [mm], moments [%]; 95 % cover")
     for m in CABLES:
         own = [(truth, told) for each, truth, told in found if each == m]
         for kind in KINDS:
             off = np.array([told[kind].value - truth for truth, told in own])
-            relative = np.array([(told[kind].value / truth - 1)[MOMENTS] for truth, told in own])
-            z = off / np.array([told[kind].sigma for _, told in own])
+            sigma = np.array([told[kind].sigma for _, told in own])
+            size = np.array([truth[MOMENTS] for truth, _ in own])
             print(
-                f"{m} cables, {kind:8}: {1e3 * np.sqrt(np.mean(off[:, CENTRE] ** 2)):5.2f}"
-                f" {100 * np.sqrt(np.mean(relative**2)):6.2f}   {np.mean(np.abs(z) < 1.96):.0%}"
+                f"{m} cables, {kind:8}: {_rms(1e3 * off[:, CENTRE])} {_rms(1e3 * sigma[:, CENTRE])}"
+                f"  {_rms(100 * off[:, MOMENTS] / size)} {_rms(100 * sigma[:, MOMENTS] / size)}"
+                f"  {np.mean(np.abs(off / sigma) < 1.96):.0%}"
             )
+
+
+def _rms(values: Array) -> str:
+    return f"{np.sqrt(np.mean(values**2)):6.3f}"
 
 
 if __name__ == "__main__":
