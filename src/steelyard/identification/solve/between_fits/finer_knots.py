@@ -101,9 +101,16 @@ def unfollowed(readings: Readings, found: Fitted, frequency: float) -> dict[str,
 def coarse_runs(readings: Readings, found: Fitted) -> dict[str, FinerKnots]:
     """Runs whose forces scatter more than their stated noise does and whose instruments resolve
     finer knots, with knots half as far apart.
+
+    Where an instrument of the motion scatters more than stated too, it is not known who is wrong
+    (forces whose time stamps scatter bend the motion), and some hundredths of a variance are no
+    reason: finer knots would follow the forces the more.
     """
     scatter = scatter_of_forces(found, found.fit.ratios)
-    beyond = {own[0] for own, ratio in scatter.items() if _is_beyond(found, own, ratio)}
+    least = 1.0 if _motion_as_stated(found) else found.task.settings.larger**2
+    beyond = {
+        own[0] for own, ratio in scatter.items() if ratio > least and _is_beyond(found, own, ratio)
+    }
     return _on_closer(
         readings,
         found,
@@ -186,6 +193,13 @@ def _explains(found: Fitted, after: Mapping[Source, float]) -> bool:
         for own, before in scatter_of_forces(found, found.fit.ratios).items()
         if _is_beyond(found, own, before)
     )
+
+
+def _motion_as_stated(found: Fitted) -> bool:
+    """Whether no instrument of the motion scatters visibly more than its stated noise."""
+    names = {forces.name for forces in found.force_samples}
+    factors, stated = found.fit.state.factors, found.fit.stated
+    return all(f <= 1.0 for own, f in factors.items() if own in stated and own[0] not in names)
 
 
 def _is_beyond(found: Fitted, source: Source, scatter: float) -> bool:
