@@ -53,7 +53,9 @@ def test_what_damps_swings_is_found_beside_runs_with_forces(whole):
 def test_two_steps_take_runs_with_forces_alone(whole):
     found = TwoStep()(whole)
     assert list(found.runs) == ["swing 0", "swing 1"]
-    assert any("swing 2, swing 3, swing 4, swing 5, swing 6, swing 7" in note for note in found.notes)
+    assert any(
+        "swing 2, swing 3, swing 4, swing 5, swing 6, swing 7" in note for note in found.notes
+    )
     alone = TwoStep()(replace(whole, runs=whole.runs[:2]))
     np.testing.assert_array_equal(found.value, alone.value)
 
