@@ -48,9 +48,10 @@ class Told(NamedTuple):
     def sigma(self) -> Array:
         return np.sqrt(np.diag(self.covariance))
 
-    def chi_square(self, of: Array) -> float:
-        """Per number, of a difference."""
-        return float(of @ np.linalg.solve(self.covariance, of)) / len(of)
+
+def chi_square(off: Array, covariance: Array) -> float:
+    """Per number."""
+    return float(off @ np.linalg.solve(covariance, off)) / len(off)
 
 
 def parts_of(experiment: Experiment, mass: tuple[float, float]) -> dict[str, Experiment]:
@@ -105,13 +106,14 @@ def main(bodies: float = 5, runs: float = 6, processes: float = 2, geometry: flo
             forces, swung, both = (told[kind] for kind in KINDS)
             apart = forces.value - swung.value
             # Both have the same mass from the scale and the same geometry: less apart than this.
-            agree = (
-                apart @ np.linalg.solve(forces.covariance + swung.covariance, apart) / len(apart)
-            )
+            agree = chi_square(apart, forces.covariance + swung.covariance)
             least = np.minimum(forces.sigma, swung.sigma)
             print(
                 f"{m:6} "
-                + "".join(f"{each.chi_square(each.value - truth):8.2f}" for each in told.values())
+                + "".join(
+                    f"{chi_square(each.value - truth, each.covariance):8.2f}"
+                    for each in told.values()
+                )
                 + f"{agree:9.2f} {(both.sigma / least).max():8.2f}   "
                 + " ".join(f"{each.seconds:.0f}" for each in told.values())
                 + "   "

@@ -127,11 +127,8 @@ def is_unread(experiment: Experiment) -> bool:
 
 def moves_unread(experiment: Experiment) -> bool:
     """Whether the platform moves in a run that reads no forces, beside others or not."""
-    return any(
-        isinstance(experiment.instruments.get(experiment.force_instrument(run) or ""), UnreadCables)
-        for run in experiment.runs
-        if not run.static
-    )
+    unread = {n for n, each in experiment.instruments.items() if isinstance(each, UnreadCables)}
+    return any(unread & run.streams.keys() for run in experiment.runs if not run.static)
 
 
 def unread_runs(experiment: Experiment) -> list[str]:

@@ -93,12 +93,10 @@ class TwoStep:
             runs.append(samples)
         size = plausible_radius(experiment.robot)
         estimate = estimate_two_step(runs, size, self.combine, settings=self.settings)
-        estimate = replace(
-            estimate, notes=(*estimate.notes, *_not_in_sigma(experiment, self.acceleration))
-        )
+        notes = [*estimate.notes, *_not_in_sigma(experiment, self.acceleration)]
         if unread:
-            note = f"runs that read no forces are left out: {', '.join(unread)}"
-            estimate = replace(estimate, notes=(*estimate.notes, note))
+            notes.append(f"runs that read no forces are left out: {', '.join(unread)}")
+        estimate = replace(estimate, notes=tuple(notes))
         details = dict(estimate.details)
         offset = details.pop("offset", None)
         forces = {experiment.force_instrument(run) for run in experiment.runs}

@@ -272,7 +272,7 @@ def _as_forces_ask(readings: Readings, found: Fitted, tell: Tell) -> Fitted:
     none of what is left of the forces.
     """
     for _ in range(readings.settings.finer_turns if found.fit.converged else 0):
-        closer = _closer(readings, found, found)
+        closer = _closer(readings, found, tell, found)
         if closer is None:
             break
         finer, tried = _fitted(*closer, tell, {})
@@ -287,21 +287,28 @@ def _scatter(found: Fitted) -> float:
     return max((1.0, *scatter_of_forces(found, found.fit.ratios).values()))
 
 
-def _closer(readings: Readings, before: Fitted, found: Fitted) -> tuple[Readings, Beginning] | None:
+def _closer(
+    readings: Readings, found: Fitted, tell: Tell, *beginnings: Fitted
+) -> tuple[Readings, Beginning] | None:
     """Finer knots that explain what is left of the forces, and the beginning on them; None: there are
     no such ones.
 
     Args:
         readings: Of the experiment.
-        before: Where to begin.
         found: A fit, with what is left.
+        tell: Is called with what is being done and the fraction that is done.
+        *beginnings: Where to begin, the first that explains it.
     """
     coarse = coarse_runs(readings, found)
     if not coarse:
         return None
     finer = on_finer_knots(readings, coarse)
-    begun = with_body(finer, begun_again(finer, before, coarse))
-    return undisturbed_swings(finer, begun) if finer_explain(begun, found) else None
+    for before in beginnings:
+        begun = with_body(finer, begun_again(finer, before, coarse))
+        if finer_explain(begun, found):
+            tell("following what the forces resolve", 0.5)
+            return undisturbed_swings(finer, begun)
+    return None
 
 
 def _fitted(
@@ -322,9 +329,8 @@ def _fitted(
         return readings, seen_with_tensions(fitted, 0.0)
     # Knots that are too wide for precise forces bend the motion, and it does not settle.
     start = replace(fitted, fit=replace(fitted.fit, state=state))
-    for before in (fitted, start):
-        if (closer := _closer(readings, before, fitted)) is not None:
-            return _fitted(*closer, tell, {})
+    if (closer := _closer(readings, fitted, tell, fitted, start)) is not None:
+        return _fitted(*closer, tell, {})
     return readings, _with_what_nothing_explains(readings, begun, fitted, state, vibrations, tell)
 
 
@@ -346,12 +352,11 @@ def _with_what_nothing_explains(
         vibrations: See :func:`.on_finer_knots`.
         tell: Is called with what is being done and the fraction that is done.
     """
-    task = fitted.task
     # Noise that is not stated and what nothing explains pull at each other: first the one, by a
     # noise that is left as it is, then both.
     tell("what nothing explains", 0.6)
     # What touched the platform stands out even there.
-    task, before = replace(task, force_samples=fitted.force_samples), fitted.contacts
+    task, before = replace(fitted.task, force_samples=fitted.force_samples), fitted.contacts
     fitted = cut(readings, begun, task, state, tell, vibrations, levels=False)
     fitted = with_tensions(replace(fitted, contacts=joined_contacts(before, fitted.contacts)))
     fitted = replace(fitted, fit=with_disturbances(fitted.task, fitted.fit))

@@ -175,8 +175,8 @@ class FitSettings:
     """Part of the cost that a step leaves after which further ones change little."""
     explained: float = 0.5
     """Part of the variance of what is left of the forces beyond their noise that finer knots leave,
-    at most, where they are what is missing: each halving takes all but some hundredths of the error of a spline, and
-    nothing of noise."""
+    at most, where they are what is missing: each halving takes all but some hundredths of the error
+    of a spline, and nothing of noise."""
     coherence_lag: float = 0.05
     """Largest lag between the two [s]."""
     coherence_chance: float = 6.0
