@@ -73,10 +73,13 @@ def _colored(shape: tuple[int, ...], step: float, time: float, rng: np.random.Ge
 
 
 def _low_pass(values: Array, step: float, time: float) -> Array:
-    """First order, settled at the first value."""
+    """First order, settled at the first value; between the samples along lines, so that it is as late as
+    its time constant says."""
     kept = np.exp(-step / time)
-    begin = kept * values[:1]
-    return lfilter([1 - kept], [1.0, -kept], values, axis=0, zi=begin)[0]
+    share = (1 - kept) * time / step
+    numerator = [1 - share, share - kept]
+    begin = (1 - numerator[0]) * values[:1]
+    return lfilter(numerator, [1.0, -kept], values, axis=0, zi=begin)[0]
 
 
 def cells(scene: Scene, rng: np.random.Generator) -> Stream:

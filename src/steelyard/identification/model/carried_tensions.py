@@ -99,6 +99,7 @@ def _carried_of(
         corrections[:, unread] = at.noise.pulled
     K = by_reading @ corrections
     K[touched] = 0.0
+    values = np.asarray(at.measured.values - np.einsum("nkj,nj->nk", K, at.left_over))
 
     def following_balance(change: Array) -> Array:
         return -K @ change
@@ -106,6 +107,10 @@ def _carried_of(
     by = point.by_motion()
     by_state = following_balance(point.by_state(by[0]))
     by_rate, by_acceleration = (following_balance(each) for each in by[1:])
+    if point.filtered is not None:
+        # Cables stretch by the tensions before the filter.
+        filtered = point.filtered.acceleration[:, :, None]
+        values = values - (by_acceleration @ filtered)[:, :, 0]
     moved = point.followed_by_readings()
     if moved is not None:
         by_state[:, :, :POSE] += moved[0]
@@ -122,6 +127,17 @@ def _carried_of(
         border.put(place, change + following_balance(by_wrench))
     for place, derivative in point.by_robot():
         border.put(place, following_balance(derivative))
+    kept = np.eye(m) + following_balance(at.measured.changes_of_wrench(np.eye(m)[None]))
+    rate, bend, feed = _changes(point, values)
+    if not point.segment.static:
+        # The motion tells what carries the body at a given time. Beside that pulls what is read then,
+        # which is another reading where clocks have another delay.
+        later = kept @ rate[:, :, None]
+        for place, sign in point.delays():
+            border.put(place, sign * later)
+        if (of_filter := point.place_of_filter()) is not None:
+            changed = by_reading @ point.readings_by_filter()[:, :, None]
+            border.put(of_filter, later + kept @ changed)
     drag = point.calibration.calibration_parameters.places[ROBOT, DRAG, None]
     if not point.segment.static and point.asks(drag):
         border.put(drag, following_balance(point.derivatives["by_drag"][:, :, None]))
@@ -129,7 +145,6 @@ def _carried_of(
     noise = np.zeros((n, m, at.noise.parts.shape[2]))
     noise[:, :, : at.noise.readings] = by_reading * np.where(unread, 0.0, sigmas)[:, None, :]
     noise += following_balance(at.noise.parts)
-    values = np.asarray(at.measured.values - np.einsum("nkj,nj->nk", K, at.left_over))
     return CarriedTensions(
         values,
         by_state,
@@ -138,9 +153,11 @@ def _carried_of(
         by_border,
         columns,
         noise,
-        np.eye(m) + following_balance(at.measured.changes_of_wrench(np.eye(m)[None])),
+        kept,
         *gains.collected(),
-        *_changes(point, values),
+        rate,
+        bend,
+        feed,
     )
 
 

@@ -125,7 +125,7 @@ def whitened_balance(
     """
     asked = column_of if narrow else None
     point = point_of(experiment, segment, force_samples, calibration, parameters, factors, asked)
-    at, local = point.at, point.local
+    at, local = point.at, point.local_of_balance
     by = point.by_motion()
     border = Border(column_of, len(at.time), DIRECTIONS)
     border.extend(np.arange(TEN), point.by_body(parameters))

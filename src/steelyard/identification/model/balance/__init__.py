@@ -12,7 +12,6 @@ from steelyard.identification.model.balance.balance import balance_of as balance
 from steelyard.identification.model.balance.balance import (
     disturbance_of_forces as disturbance_of_forces,
 )
-from steelyard.identification.model.balance.balance import time_constant as time_constant
 from steelyard.identification.model.balance.balance import (
     unmodelled_processes as unmodelled_processes,
 )
@@ -28,5 +27,6 @@ from steelyard.identification.model.balance.moving_body import balance_times as 
 from steelyard.identification.model.balance.moving_body import moving_at as moving_at
 from steelyard.identification.model.balance.moving_body import moving_body as moving_body
 from steelyard.identification.model.balance.moving_body import regressor_at as regressor_at
+from steelyard.identification.model.balance.moving_body import time_constant as time_constant
 from steelyard.identification.model.balance.rollers import part_of as part_of
 from steelyard.identification.model.balance.rollers import parts_of as parts_of

@@ -25,7 +25,11 @@ from steelyard.identification.model.balance.force_readings import (
     undisturbed,
     unfiltered,
 )
-from steelyard.identification.model.balance.moving_body import MovingAt, moving_at
+from steelyard.identification.model.balance.moving_body import (
+    MovingAt,
+    moving_at,
+    time_constant,
+)
 from steelyard.identification.model.balance.noise import BalanceNoise, UnmodelledWrench
 from steelyard.identification.model.balance.rollers import remembered
 from steelyard.identification.model.balance.slopes import smoothed
@@ -35,7 +39,6 @@ from steelyard.identification.model.calibration_parameters import (
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Basis
 from steelyard.identification.model.sources import Source
-from steelyard.instruments.base import TIME_CONSTANT
 from steelyard.instruments.equations import follows_readings, solve_for
 from steelyard.instruments.tension import Rolled
 from steelyard.robot.model import DIRECTIONS
@@ -291,7 +294,7 @@ def balance_at(
         calibration: Present values of the systematic errors.
         factors: Quantity -> by how much its noise exceeds what the readings say.
     """
-    times, local, inputs = moving
+    times, local, inputs, _ = moving
     motion = motion_and_wrench(experiment.robot, *calibration.pulling)(**inputs)
     needed = motion.pop("wrench")
     rolled = remembered(experiment, segment, force_samples, calibration, motion)
@@ -370,15 +373,6 @@ def disturbance_of_forces(segment: Segment, force_samples: Forces, local: Basis)
         for quantity, values in force_samples.readings.items()
     ]
     return np.concatenate(parts, axis=1)
-
-
-def time_constant(
-    experiment: Experiment, segment: Segment, force_samples: Forces, calibration: CalibrationValues
-) -> float:
-    """Of the filter of a force instrument [s]."""
-    instrument = experiment.instruments[force_samples.name]
-    errors = calibration.of(force_samples.name, instrument, segment.run)
-    return float(np.squeeze(errors.get(TIME_CONSTANT, 0.0)))
 
 
 def unmodelled_processes(segment: Segment, local: Basis, order: int = 0) -> Array:

@@ -24,6 +24,7 @@ from steelyard.identification.model.balance import (
     unmodelled_processes,
 )
 from steelyard.identification.model.balance.equations import derivatives_of_balance
+from steelyard.identification.model.balance.filtered_motion import FilteredMotion
 from steelyard.identification.model.calibration_parameters import (
     AIR,
     ATTACHED,
@@ -73,6 +74,8 @@ class BalancePoint:
     """Spline functions at its times."""
     motion: tuple[Array, Array, Array, Array]
     """Pose and its first three time derivatives, shape (n, 7) each."""
+    filtered: FilteredMotion | None
+    """What a filter of the forces makes of the accelerations; None: nothing."""
     derivatives: Mapping[str, Array]
     """See :func:`.derivatives_of_balance`; those by what has no column may not be there."""
     column_of: NDArray[np.intp] | None = None
@@ -83,6 +86,11 @@ class BalancePoint:
     def instrument(self) -> Instrument:
         """Of the forces."""
         return self.experiment.instruments[self.force_samples.name]
+
+    @property
+    def local_of_balance(self) -> Basis:
+        """Spline functions by which the balance follows the motion."""
+        return self.local if self.filtered is None else self.filtered.local
 
     def asks(self, place: slice) -> bool:
         """Whether the border has any of some systematic errors."""
@@ -261,22 +269,39 @@ class BalancePoint:
                 yield place, self.derivatives[f"by_{name}"][:, :, column : column + size]
                 column += size
 
+    def delays(self) -> Iterator[tuple[slice, float]]:
+        """Delays of clocks and latencies, and by how much of each the readings belong to a motion of
+        earlier.
+        """
+        name, parameters = self.force_samples.name, self.calibration.calibration_parameters
+        _, clock, origin = time_of(
+            self.experiment,
+            self.segment,
+            self.calibration,
+            reference_clocks(self.experiment, parameters, self.segment),
+            name,
+            self.force_samples.time,
+        )
+        if clock != origin:
+            yield clock, 1.0
+            yield origin, -1.0
+        if latency := parameters.place_of_latency(name):
+            yield latency, 1.0
+
+    def place_of_filter(self) -> slice | None:
+        """Of the time constant of the filter; None: there is none."""
+        places = self.calibration.calibration_parameters.places_of(
+            self.force_samples.name, self.instrument, self.segment.run
+        )
+        return places.get(TIME_CONSTANT)
+
     def by_moving(self, by: tuple[Array, Array, Array]) -> ByParameters:
         """Derivatives of the balance by what matters in motion only: delays of the clocks, the time
         constant of a filter, the inertia of the cables.
         """
-        segment, name = self.segment, self.force_samples.name
+        segment = self.segment
         if segment.static:
             return
-        parameters = self.calibration.calibration_parameters
-        _, clock, origin = time_of(
-            self.experiment,
-            segment,
-            self.calibration,
-            reference_clocks(self.experiment, parameters, segment),
-            name,
-            self.force_samples.time,
-        )
         by_delay = -rate_along(by, self.motion)
         changes = unmodelled_processes(segment, self.local, 1)
         if changes.any():
@@ -285,30 +310,41 @@ class BalancePoint:
             rate = segment.disturbance(each, self.local, 1)
             by_delay += np.einsum("nij,nj->ni", self.at.by_reading[:, :, own], rate)
         by_delay = by_delay[:, :, None]
-        if clock != origin:
-            yield clock, by_delay
-            yield origin, -by_delay
-        places = parameters.places_of(name, self.instrument, segment.run)
-        if TIME_CONSTANT in places:
-            yield places[TIME_CONSTANT], by_delay + self._by_smoothing()
-        if latency := parameters.place_of_latency(name):
-            yield latency, by_delay
+        by_filter, later = by_delay + self._by_smoothing(), by_delay
+        if self.filtered is not None:
+            by_filter = by_filter + by[2] @ self.filtered.by_constant[:, :, None]
+            later = later - by[2] @ self.filtered.by_time[:, :, None]
+        for place, sign in self.delays():
+            yield place, sign * later
+        if (of_filter := self.place_of_filter()) is not None:
+            yield of_filter, by_filter
+        parameters = self.calibration.calibration_parameters
         drag = parameters.places[ROBOT, DRAG, None]
         if self.asks(drag):
             yield drag, self.derivatives["by_drag"][:, :, None]
+
+    def readings_by_filter(self) -> Array:
+        """Derivative of the corrected readings by the time constant of a filter, as far as it is no
+        delay, shape (n, r).
+        """
+        forces = self.force_samples
+        constant = time_constant(self.experiment, self.segment, forces, self.calibration)
+        if forces.changes is None or constant == 0.0:
+            return np.zeros(forces.left_out.shape)
+        return -forces.changes.added_by_constant(constant)
 
     def _by_smoothing(self) -> Array:
         """Derivative of the balance by the time constant of a filter as far as it is no delay, shape (n,
         6, 1).
         """
         forces = self.force_samples
+        found = self.at.by_reading @ self.readings_by_filter()[:, :, None]
         constant = time_constant(self.experiment, self.segment, forces, self.calibration)
         if forces.changes is None or constant == 0.0:
-            return np.zeros((len(forces.time), DIRECTIONS, 1))
-        by_constant = forces.changes.added_by_constant(constant)
+            return found
         # What is left over changes as its noise does, too: that says nothing.
         louder = forces.changes.louder_by_constant(constant) * self.at.left_over
-        return np.asarray(-self.at.by_reading @ by_constant[:, :, None] - louder[:, :, None])
+        return np.asarray(found - louder[:, :, None])
 
 
 def point_of(
@@ -339,6 +375,7 @@ def point_of(
         at,
         moving.local,
         motion_at(moving.local, segment.coefficients),
+        moving.filtered,
         derivatives_of_balance(experiment.robot, *calibration.pulling, asked)(
             **moving.inputs, **cables
         ),
@@ -372,7 +409,7 @@ def by_body_and_readings(
     motion = motion_at(local, segment.coefficients)
     by_body = {"by_parameters": regressor}
     point = BalancePoint(
-        experiment, segment, force_samples, calibration, at, local, motion, by_body, column_of
+        experiment, segment, force_samples, calibration, at, local, motion, None, by_body, column_of
     )
     border = Border(column_of, len(at.time), DIRECTIONS)
     border.extend(np.arange(TEN), point.by_body(parameters))

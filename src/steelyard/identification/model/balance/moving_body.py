@@ -10,6 +10,7 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance.equations import motion_and_wrench
+from steelyard.identification.model.balance.filtered_motion import FilteredMotion
 from steelyard.identification.model.balance.force_readings import Forces
 from steelyard.identification.model.calibration_parameters import (
     AIR,
@@ -20,6 +21,7 @@ from steelyard.identification.model.motion_residuals import reference_clocks, ti
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Basis, motion_at
 from steelyard.inertia import TEN
+from steelyard.instruments.base import TIME_CONSTANT
 
 
 class MovingAt(NamedTuple):
@@ -31,6 +33,9 @@ class MovingAt(NamedTuple):
     """Spline functions there."""
     inputs: dict[str, Array | float]
     """See :func:`moving_body`."""
+    filtered: FilteredMotion | None
+    """What a filter of the forces makes of the accelerations, which stand in the inputs so; None:
+    nothing."""
 
 
 def moving_at(
@@ -43,7 +48,22 @@ def moving_at(
     """The moving body at the times of force readings; arguments as of :func:`balance_of`."""
     times = balance_times(experiment, segment, force_samples, calibration)
     local = segment.basis(times)
-    return MovingAt(times, local, moving_body(segment, local, calibration, parameters))
+    inputs = moving_body(segment, local, calibration, parameters)
+    constant = time_constant(experiment, segment, force_samples, calibration)
+    if segment.static or constant == 0.0 or force_samples.changes is None:
+        return MovingAt(times, local, inputs, None)
+    filtered = FilteredMotion.of(segment, times, force_samples.time, constant)
+    inputs["acceleration"] = inputs["acceleration"] + filtered.acceleration
+    return MovingAt(times, local, inputs, filtered)
+
+
+def time_constant(
+    experiment: Experiment, segment: Segment, force_samples: Forces, calibration: CalibrationValues
+) -> float:
+    """Of the filter of a force instrument [s]."""
+    instrument = experiment.instruments[force_samples.name]
+    errors = calibration.of(force_samples.name, instrument, segment.run)
+    return float(np.squeeze(errors.get(TIME_CONSTANT, 0.0)))
 
 
 def balance_times(
