@@ -81,7 +81,7 @@ def fit(
     for turn in range(settings.iterations_beginning if beginning else settings.iterations):
         parts, tally = linearise(task, state)
         readings = [each.all for each in parts]
-        cost = tally.cost + _prior_cost(task, state)
+        cost = tally.cost + prior_cost(task, state)
         if accepted is not None and not cost < accepted.cost + _rise(accepted, settings):
             if uphill < settings.uphill:
                 uphill += 1
@@ -181,7 +181,7 @@ def _about(task: Task, state: FitState) -> _Evaluated:
     """Linearise all readings about a state, with the smoothness of its motion."""
     parts, tally = linearise(task, state)
     equations = smooth(state, [each.all for each in parts])
-    return _Evaluated(state, equations, tally, tally.cost + _prior_cost(task, state))
+    return _Evaluated(state, equations, tally, tally.cost + prior_cost(task, state))
 
 
 def _lower(last: _Evaluated, origin: _Evaluated, settings: FitSettings) -> _Evaluated:
@@ -226,7 +226,8 @@ def _pace(last: NewtonStep, step: NewtonStep, share: float, settings: FitSetting
     return float(np.clip(share / max(1 - ratio, 1e-3), settings.least_pace, settings.largest_pace))
 
 
-def _prior_cost(task: Task, state: FitState) -> float:
+def prior_cost(task: Task, state: FitState) -> float:
+    """Of what is known of the errors beforehand."""
     prior = task.calibration_parameters
     off = (state.calibration.values - prior.mean)[task.active]
     return float(off @ prior.precision[np.ix_(task.active, task.active)] @ off)

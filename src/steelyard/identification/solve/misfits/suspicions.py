@@ -27,8 +27,9 @@ from steelyard.identification.model.calibration_parameters import (
     Key,
     gather,
 )
+from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise, smooth
-from steelyard.identification.solve.joint_fit import fit
+from steelyard.identification.solve.joint_fit import fit, prior_cost
 from steelyard.identification.solve.newton_step import step_of
 from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 
@@ -67,31 +68,69 @@ def with_suspicions(
         worst = _worst(task, found.state, refused, held=held)
         if not worst:
             break
-        parameters = task.calibration_parameters.believed(worst)
-        tried, state = _with_priors_of(task, found.state, parameters)
-        tried, state = _late_not_filtered(tried, state, worst)
-        there = again(tried, state)
-        if _is_possible(tried, there, worst):
-            task, found = tried, there
-        else:
-            # Something else imitates it, and is to be named by the verdict.
-            refused |= worst
+        tried = [(each, _with(task, found, each, again)) for each in _alternatives(task, worst)]
+        possible = [(asked, there) for asked, there in tried if _is_possible(*there, asked)]
+        refused |= frozenset().union(*(asked for asked, _ in tried))
+        if possible:
+            factors = found.state.factors
+            if len(possible) > 1:
+                possible.sort(key=lambda each: _price(each[1][0], each[1][1], factors, held=held))
+            asked, (task, found) = possible[0]
+            refused -= asked
+        # Else something else imitates it, and is to be named by the verdict.
     return task, found
 
 
-def _late_not_filtered(task: Task, state: FitState, asked: frozenset[Key]) -> tuple[Task, FitState]:
-    """Task and state in which what is late has no filter that nobody has stated: one that reads late
-    was taken for one, and about a filter of no time both are the same.
+def _alternatives(task: Task, asked: frozenset[Key]) -> list[frozenset[Key]]:
+    """What may explain the residuals: what they ask for, and where that is a latency, a filter in its
+    place, if neither is stated. About no time both are the same, and one that reads late was taken for
+    one with a filter.
     """
-    late = {owner for owner, key, _ in asked if key == LATENCY}
-    if not late:
-        return task, state
-    gone: dict[Key, CalibrationParameter] = {
-        (each.owner, each.key, each.run): each
+    late = [key for key in asked if key[1] == LATENCY]
+    return [asked, *(asked - {key} | {other} for key in late for other in _twins(task, key))]
+
+
+def _twins(task: Task, asked: Key) -> list[Key]:
+    """Filters where a latency is asked for, latencies where a filter is, of the same instrument; those
+    that are stated are none.
+    """
+    twin = {LATENCY: TIME_CONSTANT, TIME_CONSTANT: LATENCY}.get(asked[1])
+    return [
+        (each.owner, each.key, each.run)
         for each in gather(task.experiment).entries
-        if each.owner in late and each.key == TIME_CONSTANT and each.is_absent
+        if each.owner == asked[0] and each.key == twin and each.is_absent
+    ]
+
+
+def _with(
+    task: Task, found: Fit, asked: frozenset[Key], again: Callable[[Task, FitState], Fit]
+) -> tuple[Task, Fit]:
+    """Task and fit with what is asked for and without its twins."""
+    absent = {(each.owner, each.key, each.run): each for each in gather(task.experiment).entries}
+    twins = {twin for key in asked for twin in _twins(task, key)}
+    believed = {
+        (each.owner, each.key, each.run)
+        for each in task.calibration_parameters.entries
+        if not each.is_absent
     }
-    return _taken_back(task, state, gone)
+    if asked <= believed and not twins & believed:
+        return task, found
+    tried, state = _taken_back(task, found.state, {key: absent[key] for key in twins & believed})
+    tried, state = _with_priors_of(tried, state, tried.calibration_parameters.believed(asked))
+    return tried, again(tried, state)
+
+
+def _price(task: Task, found: Fit, factors: Mapping[Source, float], *, held: bool) -> float:
+    """Of a fit, every noise being as large as it is said to be.
+
+    Args:
+        task: What was fitted.
+        found: How.
+        factors: Quantity -> by how much its noise exceeds what its readings say.
+        held: Whether the motion is held.
+    """
+    state = replace(found.state, factors=factors)
+    return linearise(task, state, held=held)[1].cost + prior_cost(task, state)
 
 
 def without_needless(
