@@ -280,12 +280,19 @@ def test_stretch_and_rollers_are_those_of_another_robot(state):
     axes = np.tile([0.0, 0.0, 1.0], (M, 1))
     rollers = replace(STRAIGHT, cable=cable, pulley_radius=np.full(M, 0.05), pulley_axis=axes)
     larger = np.array([0.002, -0.001, 0.0, 0.003])
+    leaning = np.array([[0.02, 0.0], [0.0, -0.03], [0.01, 0.04], [-0.05, 0.02]])
     other = replace(
         rollers,
         cable=replace(cable, axial_stiffness=4e4 / 1.3),
         pulley_radius=rollers.pulley_radius + larger,
+        pulley_axis=np.column_stack([leaning, np.ones(M)]),
     )
-    errors = {**means(instrument, M), "stretch": np.array([1.3]), "roller": larger}
+    errors = {
+        **means(instrument, M),
+        "stretch": np.array([1.3]),
+        "roller": larger,
+        "roller_axis": leaning.ravel(),
+    }
     found = predict(instrument, rollers, state, errors)["length"]
     expected = predict(instrument, other, state, means(instrument, M))["length"]
     np.testing.assert_allclose(found, expected, rtol=TOLERANCE)
@@ -334,7 +341,14 @@ DEFAULTS = {
         "misalignment": 0.0,
         "time_constant": 0.0,
     },
-    "length": {"offset": 1.0, "gain": 0.0, "stretch": 0.0, "roller": 0.0, "damping": 0.0},
+    "length": {
+        "offset": 1.0,
+        "gain": 0.0,
+        "stretch": 0.0,
+        "roller": 0.0,
+        "roller_axis": 0.0,
+        "damping": 0.0,
+    },
     "imu": {
         "gyro_bias": 0.02,
         "accelerometer_bias": 0.5,

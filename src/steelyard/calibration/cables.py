@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.calibration.fit import GeometryFit
 from steelyard.calibration.settings import CalibrationSettings
-from steelyard.instruments.length import ROLLER, STRETCH
+from steelyard.instruments.length import ROLLER, ROLLER_AXIS, STRETCH
+from steelyard.robot.pulley import square_to
 
 
 def stiffness_of(found: GeometryFit, settings: CalibrationSettings) -> tuple[float, float] | None:
@@ -31,6 +32,25 @@ def rollers_of(found: GeometryFit, settings: CalibrationSettings) -> tuple[Array
     drawn = found.experiment.robot.pulley_radius
     there = drawn > 0
     return np.where(there, drawn + told[0], np.nan), np.where(there, told[1], np.nan)
+
+
+def axes_of(found: GeometryFit, settings: CalibrationSettings) -> tuple[Array, Array] | None:
+    """Axes about which the rollers swivel, unit vectors in the world frame of the description, shape (m,
+    3), and the 1-sigma of how they lean along two directions square to them [rad], shape (m, 2); NaN
+    where the readings do not tell both; None: they tell none.
+    """
+    told = _of_lengths(found, settings, ROLLER_AXIS)
+    if told is None:
+        return None
+    robot = found.experiment.robot
+    lean, sigma = (each.reshape(-1, 2) for each in told)
+    known = np.isfinite(lean).all(axis=1) & (robot.pulley_radius > 0)
+    if not known.any():
+        return None
+    ways = np.array([square_to(axis) for axis in robot.pulley_axis])
+    axes = robot.pulley_axis + np.einsum("mw,mwx->mx", lean, ways)
+    axes = axes / np.linalg.norm(axes, axis=1)[:, None]
+    return np.where(known[:, None], axes, np.nan), np.where(known[:, None], sigma, np.nan)
 
 
 def told_errors(found: GeometryFit, settings: CalibrationSettings) -> NDArray[np.bool_]:

@@ -33,7 +33,7 @@ from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.inertia import TEN
 from steelyard.instruments.base import Prior
-from steelyard.instruments.length import ROLLER
+from steelyard.instruments.length import ROLLER, ROLLER_AXIS
 
 Progress = Callable[[str, float], None] | None
 _RADIUS = 1.0
@@ -240,6 +240,8 @@ def _widened(experiment: Experiment, settings: CalibrationSettings) -> Experimen
                 update["gain"] = Prior(sigma=settings.scale)
             if ROLLER not in stated and robot.pulley_radius.any():
                 update[ROLLER] = Prior(sigma=settings.roller)
+            if ROLLER_AXIS not in stated and robot.pulley_radius.any():
+                update[ROLLER_AXIS] = Prior(sigma=settings.roller_axis)
             calibration = calibration.model_copy(update=update)
             instrument = instrument.model_copy(update={"calibration": calibration})
         instruments[name] = instrument

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
-from steelyard.calibration.cables import rollers_of, stiffness_of, told_errors
+from steelyard.calibration.cables import axes_of, rollers_of, stiffness_of, told_errors
 from steelyard.calibration.datum import Placed, placed
 from steelyard.calibration.first_poses import UPRIGHT
 from steelyard.calibration.fit import GeometryFit
@@ -37,11 +37,15 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.weighed_cells import WrongWeight
 from steelyard.inertia import Inertia, body_jacobian
-from steelyard.instruments.length import CABLE_DAMPING, ROLLER, STRETCH
+from steelyard.instruments.length import CABLE_DAMPING, ROLLER, ROLLER_AXIS, STRETCH
 from steelyard.robot.covariance import POINTS, names_of
 from steelyard.robot.model import Robot
 
 FORMAT = "steelyard-calibration/1"
+_SEARCHED = frozenset({"gain", "offset", STRETCH, ROLLER, ROLLER_AXIS})
+"""Errors of instruments that are looked for, and named where nothing tells them."""
+_OF_CABLES = frozenset({STRETCH, ROLLER, ROLLER_AXIS, CABLE_DAMPING})
+"""Errors that are null where nothing tells them: the file of the robot has what was known before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +102,9 @@ class GeometryCalibration:
             told = np.isfinite(rollers[0])
             radius = np.where(told, rollers[0], robot.pulley_radius)
             robot = replace(robot, pulley_radius=np.maximum(radius, 0.0))
+        if self.roller_axes is not None:
+            axes = self.roller_axes[0]
+            robot = replace(robot, pulley_axis=np.where(np.isfinite(axes), axes, robot.pulley_axis))
         if world is None:
             return robot
         place = self.found.parameters.places[ROBOT, "gravity", None]
@@ -116,6 +123,19 @@ class GeometryCalibration:
         (m,) each; None: they tell none.
         """
         return rollers_of(self.found, self.settings)
+
+    @property
+    def roller_axes(self) -> tuple[Array, Array] | None:
+        """Axes about which rollers swivel, in the world frame of the description, and 1-sigma of how they
+        lean [rad], see :func:`.axes_of`; None: the readings tell none.
+        """
+        return axes_of(self.found, self.settings)
+
+    @property
+    def _axes_in_world(self) -> tuple[Array, Array] | None:
+        """The same in the world frame of the file."""
+        found, world = self.roller_axes, self.placed.rotation
+        return found if found is None or world is None else (found[0] @ world.T, found[1])
 
     @cached_property
     def gauges(self) -> dict[str, Gauge]:
@@ -210,7 +230,7 @@ class GeometryCalibration:
         parameters = self.found.parameters
         sigma, weighed = self.found.deviations, set(parameters.of_weighed.tolist())
         for place, entry, i in parameters.components():
-            searched = entry.key in {"gain", "offset", STRETCH, ROLLER} and entry.owner != ROBOT
+            searched = entry.key in _SEARCHED and entry.owner != ROBOT
             searched = searched and place not in weighed
             before = entry.deviation[i]
             if searched and before > 0 and sigma[place] > self.settings.told * before:
@@ -283,6 +303,7 @@ class GeometryCalibration:
             ),
             "axial_stiffness": _pair(self.stiffness),
             "pulley_radius": _pair(self.rollers),
+            "pulley_axis": _pair(self._axes_in_world),
             "calibration": plain(self._errors()),
             "residuals": {
                 "leave_one_out": None if one_out is None else plain(one_out),
@@ -310,7 +331,7 @@ class GeometryCalibration:
             values[:] = sigma[:] = np.nan
         told = told_errors(self.found, self.settings)
         for place, entry, _ in self.found.parameters.components():
-            of_cables = entry.key in {STRETCH, ROLLER, CABLE_DAMPING}
+            of_cables = entry.key in _OF_CABLES
             if of_cables and not told[place]:
                 values[place] = sigma[place] = np.nan
         return as_tree(self.experiment, self.reported, values, sigma)

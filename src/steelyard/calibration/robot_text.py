@@ -33,7 +33,7 @@ def robot_text(found: GeometryCalibration) -> str:
         values["cable"]["axial_stiffness"] = float(f"{found.stiffness[0]:.7g}")
     values["covariance"] = COVARIANCE
     lines: list[str] = []
-    counts = dict.fromkeys((*POINTS, "radius"), 0)
+    counts = dict.fromkeys((*POINTS, "radius", "axis"), 0)
     for line in to_yaml(values).splitlines():
         point = next((each for each in POINTS if re.match(rf"\s*(- )?{each}:", line)), None)
         if point is None:
@@ -53,7 +53,7 @@ def robot_text(found: GeometryCalibration) -> str:
 
 
 def _beside(found: GeometryCalibration, line: str, counts: dict[str, int]) -> str:
-    """1-sigma of the radius of a roller and of the stiffness of the cables, as a comment."""
+    """1-sigma of radius and axis of a roller and of the stiffness of the cables, as a comment."""
     if re.match(r"\s*radius:", line):
         i = np.flatnonzero(found.robot.pulley_radius)[counts["radius"]]
         counts["radius"] += 1
@@ -63,6 +63,14 @@ def _beside(found: GeometryCalibration, line: str, counts: dict[str, int]) -> st
             if sigma is None or np.isnan(sigma)
             else f"  # 1-sigma {1000 * sigma:.2g} mm"
         )
+    if re.match(r"\s*axis:", line):
+        i = np.flatnonzero(found.robot.pulley_radius)[counts["axis"]]
+        counts["axis"] += 1
+        lean = np.full(2, np.nan) if found.roller_axes is None else found.roller_axes[1][i]
+        if np.isnan(lean).any():
+            return "  # not told"
+        said = ", ".join(f"{each:.2g}" for each in np.degrees(lean))
+        return f"  # 1-sigma {said} deg"
     if "axial_stiffness:" in line:
         told = found.stiffness
         said = "not told" if told is None else f"1-sigma {told[1]:.2g} N"

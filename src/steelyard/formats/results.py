@@ -84,6 +84,7 @@ CALIBRATION = entry(
         "attachments": _MOVED,
         "axial_stiffness": or_null(entry(VALUE)),
         "pulley_radius": or_null(entry(VALUE)),
+        "pulley_axis": or_null(entry(VALUE)),
         "calibration": FOUND_ERRORS,
         "residuals": entry({"in_units_of_noise": named(NUMBER)}, {"leave_one_out": {}}),
         "gauge": TEXTS,

@@ -18,6 +18,8 @@ STRETCH = "stretch"
 """Key of the factor on the stretch of the cables."""
 ROLLER = "roller"
 """Key of what is added to the radii of the rollers."""
+ROLLER_AXIS = "roller_axis"
+"""Key of by how much the axes are turned about which the rollers swivel."""
 CABLE_DAMPING = "damping"
 """Key of the time by which the stretch of the cables lags behind their tension."""
 DAMPED = 0.02
@@ -43,6 +45,9 @@ class LengthCalibration(Calibration):
     is that of ``T - a T' - b T l'/l``. Not stated: 0.02 where the stretch is not exact, in motion."""
     roller: Prior = exact()
     """By how much the radius of each roller is larger than in the robot file [m]; default: exact."""
+    roller_axis: Prior = exact()
+    """By how much the ``axis`` about which each roller swivels leans from that of the robot file, along
+    two directions square to it, cable after cable [rad]; default: exact."""
 
 
 class Length(Instrument):
@@ -80,6 +85,7 @@ class Length(Instrument):
             Term("gain", m, "1", c.gain, nominal=1.0),
             Term(STRETCH, 1, "1", c.stretch, nominal=1.0, positive=True),
             Term(ROLLER, m, "m", c.roller),
+            Term(ROLLER_AXIS, 2 * m, "rad", c.roller_axis),
             self._damping,
         )
 
@@ -105,6 +111,7 @@ class Length(Instrument):
             attachments=state.attachments,
             stretch=calibration[STRETCH],
             rollers=calibration[ROLLER],
+            leaning=calibration[ROLLER_AXIS],
         )
         unstrained = ca.vertcat(*[c.length for c in cables])
         return {"length": calibration["gain"] * unstrained + calibration["offset"]}

@@ -8,9 +8,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar, Literal
 
+import casadi as ca
+
 from steelyard.batch import Symbol
 from steelyard.instruments.base import Instrument, Prior, Quantity, Term, sigma
-from steelyard.instruments.length import ROLLER, STRETCH, Length
+from steelyard.instruments.length import ROLLER, ROLLER_AXIS, STRETCH, Length
 from steelyard.motion.state import State
 from steelyard.robot.model import Robot
 
@@ -111,6 +113,7 @@ class ConstantLengths(Instrument):
             "offset": -calibration["length"],
             STRETCH: calibration[COMPLIANCE],
             ROLLER: calibration["length"] * 0.0,
+            ROLLER_AXIS: ca.SX.zeros(2 * robot.m),
         }
         read = Length(kind="length").predict(state, own, stretching)
         return {CHANGE: read["length"]}

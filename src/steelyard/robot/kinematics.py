@@ -18,7 +18,7 @@ from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import point_velocity
 from steelyard.errors import InfeasibleError
-from steelyard.robot import cable
+from steelyard.robot import cable, pulley
 from steelyard.robot.model import Robot
 
 _QUICK_STEPS = 1
@@ -61,12 +61,14 @@ def shapes(
     attachments: Symbol | None = None,
     stretch: Symbol | None = None,
     rollers: Symbol | None = None,
+    leaning: Symbol | None = None,
     steps: int = cable.STEPS,
 ) -> list[cable.CableShape]:
     """Shapes of all cables at a pose for tensions at the platform end, symbolically; steps as of
     :func:`cable.by_tension`. Where the cables are fixed, shapes (3, m), None: as the robot file has
-    it. So are by which factor they stretch more, a number, and by how much the radii of rollers are
-    larger [m], shape (m,); cables that do not stretch and points without a roller stay as they are.
+    it. So are by which factor they stretch more, a number, by how much the radii of rollers are larger
+    [m], shape (m,), and by how much their axes lean (:func:`.leaned`), shape (2 m,); cables that do not
+    stretch and points without a roller stay as they are.
     """
     anchors = ca.DM(robot.anchors.T) if anchors is None else anchors
     attachments = ca.DM(robot.attachments.T) if attachments is None else attachments
@@ -77,6 +79,9 @@ def shapes(
             spec = spec._replace(compliance=stretch * spec.compliance)
         if rollers is not None and spec.rolls:
             spec = spec._replace(radius=ca.SX(spec.radius + rollers[i]))
+        if leaning is not None and spec.rolls:
+            axis = pulley.leaned(robot.pulley_axis[i], leaning[2 * i], leaning[2 * i + 1])
+            spec = spec._replace(axis=axis)
         point = position + rotation @ attachments[:, i]
         found.append(cable.by_tension(spec, point, tension[i], steps=steps))
     return found

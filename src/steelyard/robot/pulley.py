@@ -12,7 +12,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import casadi as ca
+import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.batch import Symbol
 
 
@@ -35,6 +37,28 @@ def swivel(anchor: Symbol, axis: Symbol, radius: float, point: Symbol) -> Roller
     square = d - ca.dot(d, axis) * axis
     # A micrometre keeps the direction defined for a point on the axis itself.
     return Roller(anchor, axis, square / ca.sqrt(ca.dot(square, square) + 1e-12), radius)
+
+
+def leaned(axis: Array, first: Symbol, second: Symbol) -> Symbol:
+    """An axis that leans along two directions square to it by small angles [rad], unit vector, shape
+    (3,).
+
+    Args:
+        axis: Unit vector, shape (3,).
+        first: Along the direction that is square to it and nearest to the world's first or second axis.
+        second: Along what is square to both.
+    """
+    first_way, second_way = square_to(axis)
+    found = ca.DM(axis) + first * ca.DM(first_way) + second * ca.DM(second_way)
+    return found / ca.norm_2(found)
+
+
+def square_to(axis: Array) -> tuple[Array, Array]:
+    """Two directions along which :func:`leaned` lets an axis lean, unit vectors, shape (3,) each."""
+    along = np.eye(3)[0 if abs(axis[0]) <= abs(axis[1]) else 1]
+    first = along - (along @ axis) * axis
+    first = first / np.linalg.norm(first)
+    return first, np.cross(axis, first)
 
 
 def leave_point(roller: Roller, wrap: Symbol) -> Symbol:

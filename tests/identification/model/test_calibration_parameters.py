@@ -131,7 +131,7 @@ def test_there_are_no_other_errors_than_those_of_the_contract(everything):
         *TABLE,
         *delays,
         # Of cables that lengths are read of, beyond the contract.
-        *(("winches", key) for key in ("stretch", "roller", "damping")),
+        *(("winches", key) for key in ("stretch", "roller", "roller_axis", "damping")),
         *((ROBOT, key) for key in ("anchor", "attachment", "gravity", DRAG)),
         *((ROBOT, key) for key, _ in (*ATTACHED, *AIR)),
     }

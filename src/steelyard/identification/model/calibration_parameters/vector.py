@@ -16,7 +16,7 @@ from steelyard.identification.model.calibration_parameters.keys import LOAD, ROB
 from steelyard.identification.weighed_cells import WeighedCells
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import LATENCY
-from steelyard.instruments.length import ROLLER
+from steelyard.instruments.length import ROLLER, ROLLER_AXIS
 from steelyard.instruments.tension import CROSSTALK
 from steelyard.robot.covariance import POINTS
 
@@ -79,6 +79,8 @@ class CalibrationParameter:
         # A robot of three cables has vectors that are no axes.
         if size == m and size > 1 and self.key in _PER_CABLE:
             return [f"{where} of cable {i + 1}" for i in range(size)]
+        if self.key == ROLLER_AXIS:
+            return [f"{where} {i % 2 + 1} of cable {i // 2 + 1}" for i in range(size)]
         if self.key == CROSSTALK:
             pairs = [(i, j) for i in range(m) for j in range(m) if i != j]
             return [f"{where} of cable {i + 1} from cable {j + 1}" for i, j in pairs]
