@@ -84,7 +84,6 @@ CALIBRATION = entry(
         "attachments": _MOVED,
         "axial_stiffness": or_null(entry(VALUE)),
         "pulley_radius": or_null(entry(VALUE)),
-        "pulley_axis": or_null(entry(VALUE)),
         "calibration": FOUND_ERRORS,
         "residuals": entry({"in_units_of_noise": named(NUMBER)}, {"leave_one_out": {}}),
         "gauge": TEXTS,
@@ -94,6 +93,7 @@ CALIBRATION = entry(
         "verdict": VERDICT,
     },
     {
+        "pulley_axis": or_null(entry(VALUE)),
         "body": entry({**BODY_KEYS, "standard_deviation": BODY}),
         "datum": entry(
             {"world_from_described": entry({"translation": entry(VALUE), "rotation": entry(VALUE)})}
