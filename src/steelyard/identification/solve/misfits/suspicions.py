@@ -82,12 +82,11 @@ def with_suspicions(
 
 
 def _alternatives(task: Task, asked: frozenset[Key]) -> list[frozenset[Key]]:
-    """What may explain the residuals: what they ask for, and where that is a latency, a filter in its
-    place, if neither is stated. About no time both are the same, and one that reads late was taken for
-    one with a filter.
+    """What may explain the residuals: what they ask for, and a filter in the place of a latency or the
+    other way round, if neither is stated. About no time both are the same, and what reads late was
+    taken for filtered.
     """
-    late = [key for key in asked if key[1] == LATENCY]
-    return [asked, *(asked - {key} | {other} for key in late for other in _twins(task, key))]
+    return [asked, *(asked - {key} | {other} for key in asked for other in _twins(task, key))]
 
 
 def _twins(task: Task, asked: Key) -> list[Key]:
@@ -121,7 +120,8 @@ def _with(
 
 
 def _price(task: Task, found: Fit, factors: Mapping[Source, float], *, held: bool) -> float:
-    """Of a fit, every noise being as large as it is said to be.
+    """Of a fit, every noise being as large as it is said to be. Readings whose filter is put right are
+    held against the noise that they have then: the noise of the readings itself is the same.
 
     Args:
         task: What was fitted.
