@@ -1,18 +1,27 @@
 """An unmodelled torque beside the torque that turns the body: independent of the motion only as far as
-chance leaves it.
+chance leaves it. Coloured noise that takes up a wrong sign.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_lsq_spline
 
 from steelyard.identification.model.balance import UNMODELLED_PARTS, Balance
+from steelyard.identification.model.motion_segment import Reading, Segment
+from steelyard.identification.model.processes import Process, integrals_of
+from steelyard.identification.model.segment import POSE
 from steelyard.identification.verdict import unmodelled
 from steelyard.identification.verdict.settings import VERDICT
-from steelyard.identification.verdict.unmodelled import of_disturbances, scatter_beside
+from steelyard.identification.verdict.unmodelled import (
+    _against_motion,
+    of_disturbances,
+    scatter_beside,
+)
 from steelyard.inertia import Inertia
+from steelyard.smoothing import DEGREE, knots
 
 BODY = Inertia(10.0, np.zeros(3), np.diag([0.2, 0.3, 0.4]))
 FELT = np.array([[0.6, 0.0, 9.81 + 0.8]])  # accelerated by 10 N
@@ -104,3 +113,26 @@ def test_noise_that_a_process_takes_up_counts_as_noise(monkeypatch, wrench, of_r
         experiment=None, fit=SimpleNamespace(state=state), force_samples=(None,)
     )
     assert scatter_beside(found) == pytest.approx(0.5)
+
+
+def test_what_reads_against_the_motion_is_seen_beside_its_coloured_noise():
+    """A slow rate of the wrong sign is no coloured noise, though one of twice its size makes it fit."""
+    grid = knots(0.0, 4.0, 0.1)
+    time = np.arange(0.0, 4.0, 0.01)
+    rate = np.sin(2 * np.pi * time)
+    read = 0.02 * np.column_stack([rate, rate, -rate])
+    source = ("imu", "angular_velocity")
+    coefficients = np.zeros((len(grid) - DEGREE - 1, POSE))
+    coefficients[:, 3] = 1.0
+    segment = Segment("run", grid, (Reading(source, time, read, 0.00175),), coefficients)
+    process = Process(source, np.ones(3), 1.0, 0.5, integrals_of(grid))
+    segment = segment.disturbed((process,))
+    # What the readings of the first lack is a part of them, of the second all, of the third twice.
+    lacks = 0.02 * np.column_stack([0.5 * rate, -rate + 1e-3 * np.cos(time), 2 * rate])
+    coefficients = segment.coefficients.copy()
+    coefficients[:, POSE:] = make_lsq_spline(time, lacks, grid, k=DEGREE).c
+    segment = replace(segment, coefficients=coefficients)
+    (process,) = segment.processes
+    assert _against_motion(segment, process, VERDICT) == [2]
+    quiet = replace(segment, readings=(replace(segment.readings[0], sigma=0.02),))
+    assert _against_motion(quiet, process, VERDICT) == []

@@ -53,6 +53,13 @@ class VerdictSettings:
     )
     """Unit -> rms of a disturbance of an instrument that nobody has stated, beyond which it is an
     error of the description: the same as the linear methods do not take up."""
+    against: float = 0.8
+    """Correlation of what is read with minus what the motion has, from which on a reading has the wrong
+    sign: of noise beside a motion it is positive."""
+    seen_above_noise: float = 5.0
+    """Root mean square of such a reading, in its 1-sigma, at least."""
+    fewest_readings: int = 100
+    """Readings that tell it, at least."""
     largest_wrench: float = 0.1
     """The same of an unmodelled wrench, as a part of the weight: by the platform's size of torques."""
     largest_torque: float = 0.25

@@ -11,6 +11,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import UNMODELLED_PARTS, balance_of
 from steelyard.identification.model.motion_segment import Segment
+from steelyard.identification.model.processes import Process
 from steelyard.identification.solve.misfits.disturbances import (
     root_mean_square,
     unstated_along,
@@ -31,6 +32,13 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
             part = UNMODELLED_PARTS.get(process.source)
             if part is None:
                 instrument = posterior.experiment.instruments[owner]
+                columns = instrument.quantity(name, robot.m).forms[0]
+                for i in _against_motion(segment, process, settings):
+                    yield (
+                        f"run '{segment.run}': {columns[i]} of {owner} reads against the motion that"
+                        f" all others show; correct its sign (scale: {{{columns[i]}: -1}}), or the"
+                        " order of its columns"
+                    )
                 unit = instrument.quantity(name, robot.m).unit
                 largest = settings.largest_disturbance.get(unit, np.inf)
                 if instrument.is_force:
@@ -68,6 +76,33 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
                     " platform faster, remove what pulls at it, or state it under 'uncertainty:"
                     " {unmodelled: …}'"
                 )
+
+
+def _against_motion(segment: Segment, process: Process, settings: VerdictSettings) -> list[int]:
+    """Components of a quantity that change with the opposite sign of what the motion has there: slow and
+    small ones are not seen before the fit, and coloured noise of twice their size takes them up.
+
+    Args:
+        segment: With the motion.
+        process: That disturbs the quantity.
+        settings: How surely, and how far beyond its noise.
+    """
+    found = set[int]()
+    for reading in segment.readings:
+        if reading.source != process.disturbs or reading.values.ndim != 2:
+            continue
+        inside = segment.holds(reading.time) & np.isfinite(reading.values).all(axis=1)
+        read = reading.values[inside]
+        if len(read) < settings.fewest_readings:
+            continue
+        # Residuals are readings less what the motion has, and a disturbance is added to them.
+        moved = read + segment.disturbance(process, segment.basis(reading.time[inside]))
+        read, moved = read - read.mean(axis=0), moved - moved.mean(axis=0)
+        size = np.sqrt(np.mean(read**2, axis=0))
+        alike = np.mean(read * moved, axis=0) / np.maximum(size * moved.std(axis=0), 1e-300)
+        seen = size > settings.seen_above_noise * reading.sigma
+        found |= set(np.flatnonzero(seen & (alike < -settings.against)).tolist())
+    return sorted(found)
 
 
 def _of_short_motion(
