@@ -9,7 +9,7 @@ from steelyard.arrays import Array
 from steelyard.calibration.fit import GeometryFit
 from steelyard.calibration.settings import CalibrationSettings
 from steelyard.instruments.length import ROLLER, ROLLER_AXIS, STRETCH
-from steelyard.robot.pulley import square_to
+from steelyard.robot.pulley import leaned
 
 
 def stiffness_of(found: GeometryFit, settings: CalibrationSettings) -> tuple[float, float] | None:
@@ -47,9 +47,9 @@ def axes_of(found: GeometryFit, settings: CalibrationSettings) -> tuple[Array, A
     known = np.isfinite(lean).all(axis=1) & (robot.pulley_radius > 0)
     if not known.any():
         return None
-    ways = np.array([square_to(axis) for axis in robot.pulley_axis])
-    axes = robot.pulley_axis + np.einsum("mw,mwx->mx", lean, ways)
-    axes = axes / np.linalg.norm(axes, axis=1)[:, None]
+    axes = np.array(
+        [leaned(axis, *own).full()[:, 0] for axis, own in zip(robot.pulley_axis, lean, strict=True)]
+    )
     return np.where(known[:, None], axes, np.nan), np.where(known[:, None], sigma, np.nan)
 
 

@@ -238,10 +238,9 @@ def _widened(experiment: Experiment, settings: CalibrationSettings) -> Experimen
                 update["offset"] = Prior(sigma=settings.offset)
             if "gain" not in stated and metric:
                 update["gain"] = Prior(sigma=settings.scale)
-            if ROLLER not in stated and robot.pulley_radius.any():
-                update[ROLLER] = Prior(sigma=settings.roller)
-            if ROLLER_AXIS not in stated and robot.pulley_radius.any():
-                update[ROLLER_AXIS] = Prior(sigma=settings.roller_axis)
+            rollers = {ROLLER: settings.roller, ROLLER_AXIS: settings.roller_axis}
+            for key in rollers.keys() - stated if robot.pulley_radius.any() else ():
+                update[key] = Prior(sigma=rollers[key])
             calibration = calibration.model_copy(update=update)
             instrument = instrument.model_copy(update={"calibration": calibration})
         instruments[name] = instrument

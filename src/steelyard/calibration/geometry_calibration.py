@@ -94,7 +94,7 @@ class GeometryCalibration:
     def robot(self) -> Robot:
         """The robot with these, and with directions of the world in its frame."""
         points, robot, world = self.points, self.experiment.robot, self.placed.rotation
-        cable, rollers = self.stiffness, self.rollers
+        cable, rollers, axes = self.stiffness, self.rollers, self.roller_axes
         robot = replace(robot, anchors=points["anchor"], attachments=points["attachment"])
         if cable is not None:
             robot = replace(robot, cable=replace(robot.cable, axial_stiffness=cable[0]))
@@ -102,9 +102,9 @@ class GeometryCalibration:
             told = np.isfinite(rollers[0])
             radius = np.where(told, rollers[0], robot.pulley_radius)
             robot = replace(robot, pulley_radius=np.maximum(radius, 0.0))
-        if self.roller_axes is not None:
-            axes = self.roller_axes[0]
-            robot = replace(robot, pulley_axis=np.where(np.isfinite(axes), axes, robot.pulley_axis))
+        if axes is not None:
+            leaning = np.where(np.isfinite(axes[0]), axes[0], robot.pulley_axis)
+            robot = replace(robot, pulley_axis=leaning)
         if world is None:
             return robot
         place = self.found.parameters.places[ROBOT, "gravity", None]

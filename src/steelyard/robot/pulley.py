@@ -45,20 +45,15 @@ def leaned(axis: Array, first: Symbol, second: Symbol) -> Symbol:
 
     Args:
         axis: Unit vector, shape (3,).
-        first: Along the direction that is square to it and nearest to the world's first or second axis.
-        second: Along what is square to both.
+        first: Along the direction square to it that is nearest to the world's first axis, or its second
+            where that is farther from it [rad].
+        second: Along what is square to both [rad].
     """
-    first_way, second_way = square_to(axis)
-    found = ca.DM(axis) + first * ca.DM(first_way) + second * ca.DM(second_way)
-    return found / ca.norm_2(found)
-
-
-def square_to(axis: Array) -> tuple[Array, Array]:
-    """Two directions along which :func:`leaned` lets an axis lean, unit vectors, shape (3,) each."""
     along = np.eye(3)[0 if abs(axis[0]) <= abs(axis[1]) else 1]
-    first = along - (along @ axis) * axis
-    first = first / np.linalg.norm(first)
-    return first, np.cross(axis, first)
+    way = along - (along @ axis) * axis
+    way = way / np.linalg.norm(way)
+    found = ca.DM(axis) + first * ca.DM(way) + second * ca.DM(np.cross(axis, way))
+    return found / ca.norm_2(found)
 
 
 def leave_point(roller: Roller, wrap: Symbol) -> Symbol:

@@ -32,14 +32,14 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
             part = UNMODELLED_PARTS.get(process.source)
             if part is None:
                 instrument = posterior.experiment.instruments[owner]
-                columns = instrument.quantity(name, robot.m).forms[0]
+                quantity = instrument.quantity(name, robot.m)
+                columns, unit = quantity.forms[0], quantity.unit
                 for i in _against_motion(segment, process, settings):
                     yield (
                         f"run '{segment.run}': {columns[i]} of {owner} reads against the motion that"
                         f" all others show; correct its sign (scale: {{{columns[i]}: -1}}), or the"
                         " order of its columns"
                     )
-                unit = instrument.quantity(name, robot.m).unit
                 largest = settings.largest_disturbance.get(unit, np.inf)
                 if instrument.is_force:
                     # A wrench of that size would be no disturbance either.

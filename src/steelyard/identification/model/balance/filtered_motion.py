@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from functools import cache
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -22,7 +22,8 @@ _BESIDE = 0.4
 so far."""
 
 
-class FilteredMotion(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class FilteredMotion:
     """What the filter of the forces changes of fast accelerations, beside the delay by its time
     constant; shape (n, 7) each, as the second derivative of the pose.
     """
@@ -32,11 +33,12 @@ class FilteredMotion(NamedTuple):
     """Its derivative by time [1/s]."""
     by_constant: Array
     """Its derivative by the time constant [1/s]."""
-    local: Basis
-    """Spline functions at the times at which the balance looks, second derivatives behind the filter,
-    as far as they depend on the functions that are not zero there. Of those before a row knows nothing,
-    and what it does not know it takes for no acceleration: a step is a little shorter than it might be
-    where the filter looks far back, and ends at the same motion."""
+    constant: float
+    """Time constant of the filter [s]."""
+    here: Basis
+    """Spline functions at the n times at which the balance looks."""
+    past: Basis
+    """Spline functions at k instants before each reading, one time after the other."""
 
     @classmethod
     def of(cls, segment: Segment, times: Array, read: Array, constant: float) -> FilteredMotion:
@@ -52,8 +54,7 @@ class FilteredMotion(NamedTuple):
                 shape (n,).
             constant: Time constant of the filter T [s].
         """
-        back, weights = np.polynomial.laguerre.laggauss(_NODES)
-        back, weights = back[weights > _LEAST], weights[weights > _LEAST]
+        back, weights = _instants()
         further, own = _beside(times, segment.span)
         grid, clock = (
             np.concatenate([t[0] - further[0], t, t[-1] + further[1]]) for t in (times, read)
@@ -80,8 +81,40 @@ class FilteredMotion(NamedTuple):
         here = segment.basis(times)
         late, later = (values_at(here, coefficients, order) for order in (2, 3))
         by_time, by_constant = found[own, POSE : 2 * POSE], found[own, 2 * POSE :]
-        behind = _behind(here, segment.basis(known[own].ravel()), weights)
-        return cls(found[own, :POSE] - late, by_time - later, by_constant + later, behind)
+        k = len(back)
+        mine = slice(own.start * k, own.stop * k)
+        past = Basis(local.first[mine], local.values[:, mine])
+        return cls(
+            found[own, :POSE] - late, by_time - later, by_constant + later, constant, here, past
+        )
+
+    @cached_property
+    def local(self) -> Basis:
+        """Spline functions at the times at which the balance looks, second derivatives behind the filter,
+        as far as they depend on the functions that are not zero there. Of those before a row knows
+        nothing, and what it does not know it takes for no acceleration: a step is a little shorter than
+        it might be where the filter looks far back, and ends at the same motion.
+        """
+        _, weights = _instants()
+        n, k, width = len(self.here.first), len(weights), self.here.values.shape[2]
+        before = self.here.first[:, None] - self.past.first.reshape(n, k)
+        second = self.past.values[2].reshape(n, k, width) * weights[:, None]
+        found = np.zeros((n, width))
+        for away in np.unique(before):
+            own = np.where((before == away)[:, :, None], second, 0.0).sum(axis=1)
+            found += own @ _continued(int(away), width)
+        values = self.here.values.copy()
+        values[2] = found
+        return Basis(self.here.first, values)
+
+
+@cache
+def _instants() -> tuple[Array, Array]:
+    """How long before a reading a filter looks, in its time constant, and the weight of each instant,
+    shape (k,) each.
+    """
+    back, weights = np.polynomial.laguerre.laggauss(_NODES)
+    return back[weights > _LEAST], weights[weights > _LEAST]
 
 
 def _beside(times: Array, span: tuple[float, float]) -> tuple[tuple[Array, Array], slice]:
@@ -96,26 +129,6 @@ def _beside(times: Array, span: tuple[float, float]) -> tuple[tuple[Array, Array
     further = step * np.arange(1, int(_BESIDE / step) + 1) if step > 0 else np.zeros(0)
     before, after = further[times[0] - further >= span[0]], further[times[-1] + further <= span[1]]
     return (before[::-1], after), slice(len(before), len(before) + len(times))
-
-
-def _behind(here: Basis, local: Basis, weights: Array) -> Basis:
-    """See :attr:`FilteredMotion.local`.
-
-    Args:
-        here: Functions at the n times at which the balance looks.
-        local: Functions at k instants before each reading, one time after the other.
-        weights: Of these, shape (k,).
-    """
-    n, k, width = len(here.first), len(weights), here.values.shape[2]
-    before = here.first[:, None] - local.first.reshape(n, k)
-    second = local.values[2].reshape(n, k, width) * weights[:, None]
-    found = np.zeros((n, width))
-    for away in np.unique(before):
-        own = np.where((before == away)[:, :, None], second, 0.0).sum(axis=1)
-        found += own @ _continued(int(away), width)
-    values = here.values.copy()
-    values[2] = found
-    return Basis(here.first, values)
 
 
 @cache

@@ -20,7 +20,6 @@ from steelyard.identification.model.balance import (
     Forces,
     balance_at,
     moving_at,
-    time_constant,
     unmodelled_processes,
 )
 from steelyard.identification.model.balance.equations import derivatives_of_balance
@@ -327,23 +326,21 @@ class BalancePoint:
         """Derivative of the corrected readings by the time constant of a filter, as far as it is no
         delay, shape (n, r).
         """
-        forces = self.force_samples
-        constant = time_constant(self.experiment, self.segment, forces, self.calibration)
-        if forces.changes is None or constant == 0.0:
-            return np.zeros(forces.left_out.shape)
-        return -forces.changes.added_by_constant(constant)
+        changes = self.force_samples.changes
+        if changes is None or self.filtered is None:
+            return np.zeros(self.force_samples.left_out.shape)
+        return -changes.added_by_constant(self.filtered.constant)
 
     def _by_smoothing(self) -> Array:
         """Derivative of the balance by the time constant of a filter as far as it is no delay, shape (n,
         6, 1).
         """
-        forces = self.force_samples
+        changes = self.force_samples.changes
         found = self.at.by_reading @ self.readings_by_filter()[:, :, None]
-        constant = time_constant(self.experiment, self.segment, forces, self.calibration)
-        if forces.changes is None or constant == 0.0:
+        if changes is None or self.filtered is None:
             return found
         # What is left over changes as its noise does, too: that says nothing.
-        louder = forces.changes.louder_by_constant(constant) * self.at.left_over
+        louder = changes.louder_by_constant(self.filtered.constant) * self.at.left_over
         return np.asarray(found - louder[:, :, None])
 
 

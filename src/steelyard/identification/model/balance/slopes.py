@@ -16,20 +16,19 @@ _INSTANT = 1e-4
 """Samples closer than this are of one instant [s]: means of dense streams are a millisecond apart."""
 
 
-def slopes(time: Array, values: Array, around: float = AROUND) -> Array:
+def slopes(time: Array, values: Array) -> Array:
     """How fast something changes, by lines through what was read about each time and at least its
     neighbours, shape (n, m).
 
     Args:
         time: Ascending [s], shape (n,).
         values: Shape (n, m).
-        around: Half the time over which it is looked at [s].
     """
     n = len(time)
     if n < 2:
         return np.zeros_like(values)
     own = np.arange(n)
-    first, last = _about(time, around)
+    first, last = _about(time)
     first, last = (
         np.minimum(first, np.maximum(own - 1, 0)),
         np.maximum(last, np.minimum(own + 2, n)),
@@ -45,7 +44,7 @@ def smoothed(time: Array, values: Array) -> Array:
         time: Ascending [s], shape (n,).
         values: Shape (n, m).
     """
-    return _lines(time, values, *_about(time, AROUND))[0]
+    return _lines(time, values, *_about(time))[0]
 
 
 def means_of(values: Array, many: int) -> Array:
@@ -59,9 +58,9 @@ def means_of(values: Array, many: int) -> Array:
     return np.asarray(values[: count * many].reshape(count, many, -1).mean(axis=1))
 
 
-def _about(time: Array, around: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _about(time: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """First sample about each time, and first one after these, shape (n,) each."""
-    return np.searchsorted(time, time - around), np.searchsorted(time, time + around, side="right")
+    return np.searchsorted(time, time - AROUND), np.searchsorted(time, time + AROUND, side="right")
 
 
 def _lines(

@@ -18,7 +18,6 @@ from scipy.optimize import least_squares
 
 from steelyard.arrays import Array
 from steelyard.estimates.quantiles import chi2_exceeded, chi2_tail, normal_tail
-from steelyard.identification.model.balance import time_constant
 from steelyard.identification.model.calibration_parameters import (
     AIR,
     ATTACHED,
@@ -26,13 +25,12 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationParameter,
     CalibrationParameters,
     Key,
-    gather,
 )
-from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise, smooth
-from steelyard.identification.solve.joint_fit import fit, prior_cost
+from steelyard.identification.solve.joint_fit import fit
+from steelyard.identification.solve.misfits.late_or_filtered import alternatives, price, twins_of
 from steelyard.identification.solve.newton_step import step_of
-from steelyard.instruments.base import LATENCY, TIME_CONSTANT
+from steelyard.instruments.base import LATENCY
 
 _SURE = 3.0
 """1-sigma by which a stiffness, an area or a time constant must not be negative."""
@@ -42,10 +40,6 @@ _MISPLACED, _MISSCALED = 0.05, 0.1
 """1-sigma of an anchor or an attachment [m] and of a gain that is wrong."""
 _LEAST_SHARE = 1e-6
 """Part that the readings have in what is known in a direction, at least: less is rounding."""
-_INTO_MOTION = 1 / 3
-"""Part of the noise that the correction of a filter adds which the motion takes up. Eight recordings of
-forces that are late and four of filtered ones, on four, six and eight cables, are told apart by .24 to
-.45 (but for one whose filter and latency are the same for the body)."""
 _CHANCE = 1e-3
 """Probability with which a hose is refused that pulls at one point."""
 
@@ -73,80 +67,34 @@ def with_suspicions(
         worst = _worst(task, found.state, refused, held=held)
         if not worst:
             break
-        tried = [(each, _with(task, found, each, again)) for each in _alternatives(task, worst)]
+        tried = [(each, _with(task, found, each, again)) for each in alternatives(task, worst)]
         possible = [(asked, there) for asked, there in tried if _is_possible(*there, asked)]
         refused |= frozenset().union(*(asked for asked, _ in tried))
         if possible:
             factors = found.state.factors
             if len(possible) > 1:
-                possible.sort(key=lambda each: _price(each[1][0], each[1][1], factors, held=held))
+                possible.sort(key=lambda each: price(each[1][0], each[1][1], factors, held=held))
             asked, (task, found) = possible[0]
             refused -= asked
         # Else something else imitates it, and is to be named by the verdict.
     return task, found
 
 
-def _alternatives(task: Task, asked: frozenset[Key]) -> list[frozenset[Key]]:
-    """What may explain the residuals: what they ask for, and a filter in the place of a latency or the
-    other way round, if neither is stated. About no time both are the same, and what reads late was
-    taken for filtered.
-    """
-    return [asked, *(asked - {key} | {other} for key in asked for other in _twins(task, key))]
-
-
-def _twins(task: Task, asked: Key) -> list[Key]:
-    """Filters where a latency is asked for, latencies where a filter is, of the same instrument; those
-    that are stated are none.
-    """
-    twin = {LATENCY: TIME_CONSTANT, TIME_CONSTANT: LATENCY}.get(asked[1])
-    return [
-        (each.owner, each.key, each.run)
-        for each in gather(task.experiment).entries
-        if each.owner == asked[0] and each.key == twin and each.is_absent
-    ]
-
-
 def _with(
     task: Task, found: Fit, asked: frozenset[Key], again: Callable[[Task, FitState], Fit]
 ) -> tuple[Task, Fit]:
     """Task and fit with what is asked for and without its twins."""
-    absent = {(each.owner, each.key, each.run): each for each in gather(task.experiment).entries}
-    twins = {twin for key in asked for twin in _twins(task, key)}
     believed = {
         (each.owner, each.key, each.run)
         for each in task.calibration_parameters.entries
         if not each.is_absent
     }
-    if asked <= believed and not twins & believed:
+    twins = {twin: none for twin, none in twins_of(task, asked).items() if twin in believed}
+    if asked <= believed and not twins:
         return task, found
-    tried, state = _taken_back(task, found.state, {key: absent[key] for key in twins & believed})
+    tried, state = _taken_back(task, found.state, twins)
     tried, state = _with_priors_of(tried, state, tried.calibration_parameters.believed(asked))
     return tried, again(tried, state)
-
-
-def _price(task: Task, found: Fit, factors: Mapping[Source, float], *, held: bool) -> float:
-    """Of a fit, every noise being as large as it is said to be, and as if a filter cost its readings no
-    noise.
-
-    Readings whose filter is put right are noisier, and count as that. What the correction adds is slow,
-    and a part of it goes into the motion, where it costs nothing: that part is added here.
-
-    Args:
-        task: What was fitted.
-        found: How.
-        factors: Quantity -> by how much its noise exceeds what its readings say.
-        held: Whether the motion is held.
-    """
-    state = replace(found.state, factors=factors)
-    tally = linearise(task, state, held=held)[1]
-    louder: dict[Source, float] = {}
-    for segment, forces in zip(state.segments, task.force_samples, strict=True):
-        if forces is not None and forces.changes is not None and not segment.static:
-            constant = time_constant(task.experiment, segment, forces, state.calibration)
-            for quantity in forces.readings:
-                louder[segment.label(forces.name, quantity)] = forces.changes.louder(constant)
-    added = sum(tally.count.get(own, 0.0) * (each**2 - 1) for own, each in louder.items())
-    return float(tally.cost + prior_cost(task, state) + _INTO_MOTION * added)
 
 
 def without_needless(

@@ -1,0 +1,78 @@
+"""Forces that are late and forces that are filtered: about no time both are the same, and what reads late
+is easily taken for filtered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from steelyard.identification.model.balance import time_constant
+from steelyard.identification.model.calibration_parameters import (
+    CalibrationParameter,
+    Key,
+    gather,
+)
+from steelyard.identification.model.sources import Source
+from steelyard.identification.solve.fit_state import Fit, Task, linearise
+from steelyard.identification.solve.joint_fit import prior_cost
+from steelyard.instruments.base import LATENCY, TIME_CONSTANT
+
+_INTO_MOTION = 1 / 3
+"""Part of the noise that the correction of a filter adds which the motion takes up. Eight recordings of
+forces that are late and four of filtered ones, on four, six and eight cables, are told apart by .24 to
+.45 (but for one whose filter and latency are the same for the body)."""
+_TWIN = {LATENCY: TIME_CONSTANT, TIME_CONSTANT: LATENCY}
+
+
+def alternatives(task: Task, asked: frozenset[Key]) -> list[frozenset[Key]]:
+    """What may explain residuals: what they ask for, and a filter in the place of a latency or the other
+    way round, if neither is stated.
+    """
+    return [
+        asked,
+        *(
+            frozenset(key for key in asked if key[:2] != (owner, _TWIN[kind]))
+            | {(owner, kind, run)}
+            for owner, kind, run in twins_of(task, asked)
+        ),
+    ]
+
+
+def twins_of(task: Task, asked: frozenset[Key]) -> dict[Key, CalibrationParameter]:
+    """Filters where latencies are asked for, latencies where filters are, of the same instruments, as
+    they are when they are none; those that are stated are not there.
+    """
+    wanted = {(owner, _TWIN[key]) for owner, key, _ in asked if key in _TWIN}
+    if not wanted:
+        return {}
+    return {
+        (each.owner, each.key, each.run): each
+        for each in gather(task.experiment).entries
+        if (each.owner, each.key) in wanted and each.is_absent
+    }
+
+
+def price(task: Task, found: Fit, factors: Mapping[Source, float], *, held: bool) -> float:
+    """Of a fit, every noise being as large as it is said to be, and as if a filter cost its readings no
+    noise.
+
+    Readings whose filter is put right are noisier, and count as that. What the correction adds is slow,
+    and a part of it goes into the motion, where it costs nothing: that part is added here.
+
+    Args:
+        task: What was fitted.
+        found: How.
+        factors: Quantity -> by how much its noise exceeds what its readings say.
+        held: Whether the motion is held.
+    """
+    state = replace(found.state, factors=factors)
+    tally = linearise(task, state, held=held)[1]
+    louder: dict[Source, float] = {}
+    for segment, forces in zip(state.segments, task.force_samples, strict=True):
+        if forces is not None and forces.changes is not None and not segment.static:
+            constant = time_constant(task.experiment, segment, forces, state.calibration)
+            for quantity in forces.readings:
+                louder[segment.label(forces.name, quantity)] = forces.changes.louder(constant)
+    added = sum(tally.count.get(own, 0.0) * (each**2 - 1) for own, each in louder.items())
+    return float(tally.cost + prior_cost(task, state) + _INTO_MOTION * added)
