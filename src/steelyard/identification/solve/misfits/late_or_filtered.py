@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from steelyard.identification.model.balance import time_constant
 from steelyard.identification.model.calibration_parameters import (
     CalibrationParameter,
     Key,
@@ -18,10 +17,6 @@ from steelyard.identification.solve.fit_state import Fit, Task, linearise
 from steelyard.identification.solve.joint_fit import prior_cost
 from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 
-_INTO_MOTION = 1 / 3
-"""Part of the noise that the correction of a filter adds which the motion takes up. Eight recordings of
-forces that are late and four of filtered ones, on four, six and eight cables, are told apart by .24 to
-.45 (but for one whose filter and latency are the same for the body)."""
 _TWIN = {LATENCY: TIME_CONSTANT, TIME_CONSTANT: LATENCY}
 
 
@@ -54,11 +49,10 @@ def twins_of(task: Task, asked: frozenset[Key]) -> dict[Key, CalibrationParamete
 
 
 def price(task: Task, found: Fit, factors: Mapping[Source, float], *, held: bool) -> float:
-    """Of a fit, every noise being as large as it is said to be, and as if a filter cost its readings no
-    noise.
+    """Of a fit, every noise being as large as it is said to be.
 
-    Readings whose filter is put right are noisier, and count as that. What the correction adds is slow,
-    and a part of it goes into the motion, where it costs nothing: that part is added here.
+    Readings whose filter is put right are noisier, and count as that; what the motion takes up of that
+    noise makes a long filter look a little cheaper than it is.
 
     Args:
         task: What was fitted.
@@ -67,12 +61,4 @@ def price(task: Task, found: Fit, factors: Mapping[Source, float], *, held: bool
         held: Whether the motion is held.
     """
     state = replace(found.state, factors=factors)
-    tally = linearise(task, state, held=held)[1]
-    louder: dict[Source, float] = {}
-    for segment, forces in zip(state.segments, task.force_samples, strict=True):
-        if forces is not None and forces.changes is not None and not segment.static:
-            constant = time_constant(task.experiment, segment, forces, state.calibration)
-            for quantity in forces.readings:
-                louder[segment.label(forces.name, quantity)] = forces.changes.louder(constant)
-    added = sum(tally.count.get(own, 0.0) * (each**2 - 1) for own, each in louder.items())
-    return float(tally.cost + prior_cost(task, state) + _INTO_MOTION * added)
+    return linearise(task, state, held=held)[1].cost + prior_cost(task, state)
