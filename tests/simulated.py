@@ -128,6 +128,46 @@ class Loaded:
 
 
 @dataclass(frozen=True)
+class Swinging:
+    """The same motion with a mass that hangs on a string below a point of the platform, and swings a
+    little; it hangs at rest when the motion begins."""
+
+    response: object
+    mass: float
+    at_point: np.ndarray
+    """Where the string is tied [m]."""
+    frequency: float
+    """Of its swings below a platform at rest [Hz]."""
+
+    @property
+    def duration(self):
+        return self.response.duration
+
+    def at(self, times):
+        state = self.response.at(times)
+        point, spin = self.at_point, state.omega
+        turned = np.cross(state.alpha, point) + np.cross(spin, np.cross(spin, point))
+        fine = np.arange(0.0, times[-1] + 1e-3, 1e-3)
+        rotation = state.rotation
+        felt = np.einsum("nij,nj->ni", rotation, state.specific_force + turned)
+        level = np.stack([np.interp(fine, times, felt[:, i]) for i in (0, 1)], axis=1)
+        # A pendulum whose support moves, by small steps of velocity and place in turn.
+        square, rate, place = (2 * np.pi * self.frequency) ** 2, np.zeros(2), np.zeros(2)
+        along = np.zeros_like(level)
+        for i, support in enumerate(level):
+            along[i] = place
+            rate = rate - 1e-3 * (square * place + support)
+            place = place + 1e-3 * rate
+        force = felt.copy()
+        for i in (0, 1):
+            force[:, i] = -square * np.interp(times, fine, along[:, i])
+        force = self.mass * np.einsum("nji,nj->ni", rotation, force)
+        wrench = np.hstack([force, np.cross(point, force)])
+        more, none = with_tension(state, wrench), with_tension(state, 0 * wrench)
+        return replace(state, tension=state.tension + more.tension - none.tension)
+
+
+@dataclass(frozen=True)
 class Leaking:
     """The same motion with a mass at the centre of gravity that comes and goes."""
 
@@ -248,12 +288,12 @@ def moving(axes, duration=DURATION, scale=1.0, harmonics=6):
     return Recorder(trajectory, following=True)
 
 
-def at_rest(poses, drawn=None, *, instruments=PAPER, seed=0, name="poses"):
+def at_rest(poses, drawn=None, *, instruments=PAPER, seed=0, name="poses", body=BODY):
     """A static run at poses x, y, z [m], roll, pitch, yaw [rad]; with the errors drawn for a run in
     motion, or with none."""
     poses = np.asarray(poses, dtype=float)
     rng = np.random.default_rng(seed)
-    state = _still(poses)
+    state = _still(poses, body)
     streams = {}
     for key, instrument in instruments.items():
         errors = means(instrument, ROBOT.m) if drawn is None else drawn[key].calibration
@@ -269,10 +309,10 @@ def at_rest(poses, drawn=None, *, instruments=PAPER, seed=0, name="poses"):
     return Run(name, streams, static=True)
 
 
-def _still(poses):
+def _still(poses, body):
     motion = motion_of_poses(poses, np.zeros_like(poses), np.zeros_like(poses), ROBOT.gravity)
     wrench = platform_wrench(
-        BODY.parameters, motion["specific_force"], motion["omega"], motion["alpha"]
+        body.parameters, motion["specific_force"], motion["omega"], motion["alpha"]
     )
     return with_tension(State(**motion, tension=None, wrench=wrench, gravity=ROBOT.gravity), wrench)
 

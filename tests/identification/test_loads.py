@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from simulated import BODY, CENTER, PAPER, REACH, Recorder, changed
+from simulated import BODY, CENTER, PAPER, REACH, Recorder, Swinging, at_rest, changed
 
 from steelyard.estimates.payload import payload
 from steelyard.experiment.model import Load
@@ -51,7 +51,13 @@ def sigma(estimate):
     return np.sqrt(np.diag(estimate.covariance))
 
 
-METHODS = ["maximum-likelihood", "least-squares", "consistent", "instrumental-variables"]
+METHODS = [
+    "maximum-likelihood",
+    "recursive",
+    "least-squares",
+    "consistent",
+    "instrumental-variables",
+]
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -191,3 +197,87 @@ def test_intervals_of_what_was_added_cover():
         (found,) = estimated(seed=seed).loads.differences.values()
         z.append((found.value - ADDED.body_parameters) / sigma(found))
     assert 0.9 < np.mean(np.abs(z) < 1.96) < 0.99
+
+
+# Something moves in a load
+
+HANGING = np.array([0.2, -0.1, -0.4])
+POSES = [
+    [*(CENTER[:3] + shift), *turn]
+    for shift, turn in (
+        ([0, 0, 0], [0, 0, 0]),
+        ([1, 0, 0], [0.3, 0, 0]),
+        ([0, 1, 0], [0, 0.3, 0]),
+        ([-1, 0, 0.5], [-0.3, 0, 0.2]),
+        ([0, -1, 0.5], [0, -0.3, -0.2]),
+        ([0.5, 0.5, 0], [0.2, 0.2, 0]),
+    )
+]
+
+
+@cache
+def loosely(rest=False, seed=0, rigid=False, duration=8.0):
+    """A run of the platform alone and one with 16 kg that swing below a point of it."""
+    motion = multisine(list(CENTER), list(REACH), duration, 6)
+    recorder = Recorder(motion, BODY, following=True)
+    swinging = Recorder(motion, BODY, following=True)
+    swinging.response = Swinging(recorder.response, 16.0, HANGING, 1.6)
+    empty = recorder(seed, instruments=INSTRUMENTS, runs=("a", "b"))
+    loaded = swinging(seed, instruments=INSTRUMENTS, runs=("a", "b"))
+    runs = [replace(empty.runs[0], load="empty"), replace(loaded.runs[1], load="swing")]
+    if rest:
+        # At rest a mass on a string pulls where it is tied.
+        hangs = Inertia(16.0, HANGING, np.diag([1e-3] * 3))
+        whole = Inertia.from_parameters(BODY.parameters + hangs.parameters)
+        drawn = swinging.drawn["b"]
+        still = at_rest(POSES, drawn, instruments=INSTRUMENTS, seed=seed, body=whole)
+        runs.append(replace(still, load="swing"))
+    return replace(empty, runs=tuple(runs), loads=(Load("empty"), Load("swing", rigid=rigid)))
+
+
+@pytest.mark.parametrize("method", ["maximum-likelihood", "recursive"])
+def test_of_a_load_that_swings_in_motion_the_mass_is_told(method):
+    found = identify(loosely(), method).estimate.loads.estimates
+    assert found["empty"].verdict.accepted, found["empty"].verdict.reasons
+    assert np.isfinite(found["empty"].value).all()
+    swing = found["swing"]
+    assert swing.verdict.accepted, swing.verdict.reasons
+    assert np.isnan(swing.value[1:]).all()
+    assert abs(swing.value[0] - BODY.mass - 16.0) < 3 * sigma(swing)[0]
+
+
+def test_what_the_swinging_load_weighs_more_is_told_beside_shared_gains():
+    (more,) = identify(loosely(), "maximum-likelihood").estimate.loads.differences.values()
+    assert more.value[0] == pytest.approx(16.0, abs=3 * sigma(more)[0])
+    # Gains of a per cent leave more than a kilogram of either load.
+    assert sigma(more)[0] < 0.7
+    assert np.isnan(more.value[1:]).all()
+
+
+def test_a_load_that_swings_is_told_from_a_rigid_one():
+    found = identify(loosely(rigid=True), "maximum-likelihood").estimate.loads.estimates
+    assert not found["swing"].verdict.accepted
+
+
+def test_at_rest_its_centre_of_gravity_is_told_too():
+    found = identify(loosely(rest=True), "maximum-likelihood").estimate.loads.estimates["swing"]
+    assert found.verdict.accepted, found.verdict.reasons
+    assert np.isfinite(found.value[:4]).all()
+    assert np.isnan(found.value[4:]).all()
+    whole = BODY.parameters[:4] + 16.0 * np.concatenate([[1.0], HANGING])
+    off = found.value[:4] - np.concatenate([whole[:1], whole[1:] / whole[0]])
+    assert off @ np.linalg.solve(found.covariance[:4, :4], off) < 18.5  # one in a thousand
+
+
+def test_two_steps_and_linear_methods_do_not_accept_what_moves():
+    alone = identify(loosely(), "two-step").estimate.loads.estimates
+    assert "rigid bodies alone" in alone["swing"].verdict.reasons[0]
+    assert np.isfinite(alone["empty"].value).all()
+    found = identify(loosely(), "least-squares").estimate.loads.estimates["swing"]
+    assert not found.verdict.accepted
+
+
+def test_what_moves_is_said():
+    found = identify(loosely(), "maximum-likelihood").estimate.loads.estimates
+    assert any("something moves in it" in note for note in found["swing"].notes)
+    assert not any("something moves in it" in note for note in found["empty"].notes)

@@ -199,6 +199,15 @@ class Experiment:
         own = self.run(run).load
         return next((each for each in self.loads if each.name == own), self.loads[0])
 
+    def moves_within(self, run: str) -> bool:
+        """Whether something moved in what the platform carried while it moved.
+
+        Args:
+            run: Its name.
+        """
+        load = self.load_of(run)
+        return load is not None and not load.rigid and not self.run(run).static
+
     def of_load(self, load: Load) -> Experiment:
         """The same runs, with what is known of one of the loads.
 

@@ -13,6 +13,7 @@ from steelyard.experiment.checks import (
     check_described,
     check_known_or_weighed,
     check_length_noise,
+    check_moves_within,
     check_run,
 )
 from steelyard.experiment.form import (
@@ -97,6 +98,7 @@ def assembled(
         )
     if weighed:
         check_known_or_weighed(experiment, document)
+        check_moves_within(experiment, document)
     numbers = {run.name: i for i, run in enumerate(runs)}
     for run in experiment.runs:
         check_run(experiment, run, document, ("runs", numbers[run.name]), weighed=weighed)

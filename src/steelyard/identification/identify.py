@@ -23,7 +23,7 @@ from steelyard.estimates.estimate import (
 )
 from steelyard.experiment.faults.words import left_out_in_words
 from steelyard.experiment.given import GivenExperiment, experiment_of
-from steelyard.experiment.model import Experiment
+from steelyard.experiment.model import Experiment, Load
 from steelyard.experiment.unread import is_unread
 from steelyard.identification.by_frequencies import by_frequencies
 from steelyard.identification.methods.consistent import Consistent
@@ -367,7 +367,7 @@ def _estimate(
             )
         return by_frequencies(experiment, method.name)
     if fit is None and experiment.loads and not method.lack(experiment):
-        return each_alone(lambda alone: _alone(method, alone, progress), experiment)
+        return each_alone(lambda load: _alone(method, experiment, load, progress), experiment)
     if fit is None or method.lack(experiment):
         return method(experiment, progress)
     if fit not in posteriors:
@@ -375,10 +375,16 @@ def _estimate(
     return method.drawn(posteriors[fit])
 
 
-def _alone(method: Method, experiment: Experiment, progress: Progress) -> Estimate:
+def _alone(method: Method, experiment: Experiment, load: Load, progress: Progress) -> Estimate:
     """Of one of several loads; where its runs lack what the method needs, the others have it."""
-    lack = method.lack(experiment)
-    return no_estimate(method.name, lack) if lack else method(experiment, progress)
+    alone = experiment.alone(load)
+    lack = method.lack(alone)
+    if any(experiment.moves_within(run.name) for run in alone.runs):
+        lack = (
+            f"it knows rigid bodies alone, found something that moves in load '{load.name}'; use"
+            f" {MaximumLikelihood.name}"
+        )
+    return no_estimate(method.name, lack) if lack else method(alone, progress)
 
 
 def default_methods(experiment: Experiment) -> tuple[str, ...]:

@@ -63,26 +63,37 @@ def known_bodies(
         parameters: The ten of the first load, shape (10,).
         size: Plausible radius of a body [m].
     """
+    parts: list[tuple[slice | None, Array]] = [(None, parameters)]
+    for further in experiment.loads[1:]:
+        own_place = load_place(calibration.calibration_parameters, further)
+        parts.append((own_place, parameters + calibration.values[own_place]))
+    # Where no reading tells a load yet, its own mass is no measure of what it may be.
+    mass = max(abs(float(own[0])) for _, own in parts)
     found = []
-    for i, load in enumerate(experiment.loads or (None,)):
-        further = None if load is None or i == 0 else load
-        place = None if further is None else load_place(calibration.calibration_parameters, further)
-        own = parameters if place is None else parameters + calibration.values[place]
+    for (place, own), load in zip(parts, experiment.loads or (None,), strict=True):
         known = experiment if load is None else experiment.of_load(load)
-        precision, pull = known_body(known, own, size)
+        precision, pull = known_body(known, own, size, mass)
         found.append(KnownBody(place, precision, pull - precision @ own))
     return found
 
 
-def known_body(experiment: Experiment, parameters: Array, size: float) -> tuple[Array, Array]:
+def known_body(
+    experiment: Experiment, parameters: Array, size: float, mass: float | None = None
+) -> tuple[Array, Array]:
     """Precision of what is known about the body beforehand, and its pull, shapes (10, 10) and
     (10,).
 
     That it is not much larger than its robot, what natural frequencies tell that somebody has seen, and
     what the user knows. Without the former an
     inertia that the data do not tell may grow until unseen vibrations explain all torques with it.
+
+    Args:
+        experiment: With what is known.
+        parameters: Its ten linear parameters, about which all is linearised, shape (10,).
+        size: Plausible radius of a body [m].
+        mass: Of a body that is plausible [kg]; None: its own.
     """
-    sizes = plausible(parameters, size)
+    sizes = plausible(parameters if mass is None else np.array([mass]), size)
     precision, pull = np.diag((_LARGEST * sizes) ** -2), np.zeros(TEN)
     seen = frequency_information(experiment, parameters, sizes)
     if seen is not None:

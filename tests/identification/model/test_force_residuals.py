@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from simulated import BODY, EXACT, ROBOT
 
-from steelyard.experiment.model import Experiment
+from steelyard.experiment.model import Experiment, Load
 from steelyard.experiment.recording import Run, Stream
 from steelyard.experiment.surroundings import Surroundings
 from steelyard.identification.model.balance import (
@@ -32,6 +32,7 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
     gather,
 )
+from steelyard.identification.model.calibration_parameters.keys import APPARENT
 from steelyard.identification.model.carried_tensions import carried_tensions
 from steelyard.identification.model.force_residuals import (
     BALANCE,
@@ -109,6 +110,7 @@ class Case:
         hoses=(),
         filtered=False,
         shared=False,
+        loose=False,
         seed=7,
     ):
         rng = np.random.default_rng(seed)
@@ -124,6 +126,7 @@ class Case:
             suite,
             (Run("run", streams, sync, static=static),),
             uncertainty=EXACT,
+            loads=(Load("liquid", rigid=False),) if loose else (),
             surroundings=Surroundings.model_validate({"attached": hoses}),
         )
         self.calibration_parameters = gather(self.experiment)
@@ -145,6 +148,8 @@ class Case:
                 values[place] = 0.1
             if key[1] == PRESLIDING_START:
                 values[place] = 0.6 * drawn[place]
+            if key[1].startswith(APPARENT):
+                values[place] = 5 * drawn[place]
             if disturbed and "gain" in key[1]:
                 # How an error of a gain changes the sight of an unmodelled wrench as the platform
                 # moves is of no account.
@@ -296,6 +301,13 @@ CASES = {
     "drifting wrench": {"force": "wrench", "drifting": True},
     "held by two hoses that are stated": {"force": "platform end", "hoses": HOSES},
     "a wrench sensor with a hose": {"force": "wrench", "hoses": HOSES[:1]},
+    "something moves in the load": {"force": "platform end", "loose": True},
+    "something moves in the load, at rest": {
+        "force": "platform end",
+        "loose": True,
+        "static": True,
+    },
+    "something moves in the load below a wrench sensor": {"force": "wrench", "loose": True},
 }
 
 
@@ -384,6 +396,8 @@ def test_derivatives_by_every_systematic_error_are_those_of_differences(case):
         outside = {key for key in keys if key.startswith("attached" if still else SURROUNDINGS)}
         fixed = {("robot", key) for key in {"anchor", "attachment"} | outside}
     hoses = [k for o, k, _ in found.calibration_parameters.places if k.startswith("hose")]
+    if found.experiment.moves_within("run"):
+        fixed |= {("robot", "apparent.liquid")}
     # A slack hose does nothing, but its weight does.
     fixed |= {("robot", key) for key in hoses}
     assert acting == terms | clocks | fixed | {("robot", "gravity")}

@@ -205,6 +205,7 @@ def _of_forces(expressions: _RunExpressions, readings: ForceReadings) -> Instrum
         acceleration=acceleration,
         gravity=ca.DM(expressions.calibration.gravity),
         parameters=ca.DM(expressions.point.parameters),
+        weight=ca.DM(0.0),
         drag=ca.SX(expressions.calibration.drag),
         attached=ca.DM(expressions.calibration.of_robot(*ATTACHED)),
         air=ca.DM(expressions.calibration.of_robot(*AIR)),

@@ -15,7 +15,7 @@ from steelyard.estimates.estimate import Estimate, LoadEstimates
 from steelyard.estimates.joint_covariance import JointCovariance
 from steelyard.estimates.named_estimate import NamedEstimate
 from steelyard.estimates.payload import payload
-from steelyard.experiment.model import Experiment
+from steelyard.experiment.model import Experiment, Load
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.known_values import against_readings
 from steelyard.inertia import TEN, Inertia, body_jacobian
@@ -70,17 +70,17 @@ def _with_reasons(estimate: Estimate, reasons: Sequence[str]) -> Estimate:
     return replace(estimate, verdict=verdict)
 
 
-def each_alone(of: Callable[[Experiment], Estimate], experiment: Experiment) -> Estimate:
+def each_alone(of: Callable[[Load], Estimate], experiment: Experiment) -> Estimate:
     """Estimates of loads that a method looks at one by one; errors that they share are not known.
 
     Args:
-        of: From an experiment with one load to its estimate.
+        of: From a load to its estimate.
         experiment: With several.
 
     Raises:
         InputError: As ``of`` does.
     """
-    estimates = {load.name: of(experiment.alone(load)) for load in experiment.loads}
+    estimates = {load.name: of(load) for load in experiment.loads}
     covariance = np.zeros((TEN * len(estimates),) * 2)
     for i, each in enumerate(estimates.values()):
         own = slice(TEN * i, TEN * (i + 1))

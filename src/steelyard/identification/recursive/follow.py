@@ -15,7 +15,7 @@ from steelyard.experiment.recording import Run
 from steelyard.experiment.unread import without_constant_lengths
 from steelyard.identification.recursive.arrivals import Likeness
 from steelyard.identification.recursive.events import advanced
-from steelyard.identification.recursive.following import Following, at_beginning
+from steelyard.identification.recursive.following import Following, at_beginning, silent
 from steelyard.identification.recursive.parts import counted_from
 from steelyard.identification.recursive.recursion import Recursion
 from steelyard.identification.recursive.settings import RECURSIVE, RecursiveSettings
@@ -23,6 +23,7 @@ from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.beginning.begin import begin as started
 from steelyard.identification.solve.beginning.readings import Tell, read
 from steelyard.identification.solve.border.segment_equations import segment_equations
+from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.joint_motion import fit_readings
 from steelyard.identification.solve.long_recording import span_of
 from steelyard.identification.solve.settings import FIT, FitSettings
@@ -124,6 +125,25 @@ def _begun(
     )
 
 
+def _beginning_of(found: Following, run: Run) -> FitState | None:
+    """The beginning of a further run, fitted by itself: its clocks, and what it carries, are not yet
+    known; None: it does not arrive.
+
+    Args:
+        found: After the runs before.
+        run: With its motion.
+    """
+    experiment, settings = found.experiment, found.begun.task.settings
+    start, end = span_of(experiment, run)
+    early = replace(run, window=(start, min(end, start + found.recursion.settings.begin)))
+    try:
+        taken = read(experiment, None, silent, [early], settings)
+        again = fit_readings(taken, started(taken, silent, thorough=False), silent)
+    except (NoBalanceError, *LOST):
+        return None
+    return again.fit.state if again.fit.converged else None
+
+
 def follow(
     experiment: Experiment,
     tell: Tell = lambda what, fraction: None,
@@ -146,7 +166,7 @@ def follow(
     moving = [each for each in experiment.runs if not each.static]
     found = begin(experiment, tell, settings, own)
     for i, run in enumerate(moving):
-        found = found.resumed(run) if i else found
+        found = found.resumed(run, _beginning_of(found, run)) if i else found
         _, end = span_of(experiment, run)
         while found.window.grid.span(found.number)[0] < end:
             try:

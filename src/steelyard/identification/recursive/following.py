@@ -13,7 +13,10 @@ from steelyard.errors import InfeasibleError
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
+from steelyard.identification.model.balance import UNMODELLED_PARTS
+from steelyard.identification.model.calibration_parameters import load_place
 from steelyard.identification.model.motion_segment import Segment
+from steelyard.identification.model.processes import Process
 from steelyard.identification.model.segment import basis, values_at
 from steelyard.identification.recursive.arrivals import Likeness, within
 from steelyard.identification.recursive.new_load import FIRST
@@ -37,6 +40,7 @@ from steelyard.identification.solve.beginning.first_body import on_force_clock
 from steelyard.identification.solve.beginning.readings import Readings, read
 from steelyard.identification.solve.border.segment_equations import SegmentEquations
 from steelyard.identification.solve.conclusion import concluded
+from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.fitted import Fitted, FittedStretch
 from steelyard.identification.solve.long_recording import span_of
 from steelyard.identification.solve.noise_levels import ratios_of
@@ -222,25 +226,29 @@ class Following:
             return self.ended()
         return replace(self, recursion=self.recursion.ended())
 
-    def resumed(self, run: Run) -> Following:
+    def resumed(self, run: Run, began: FitState | None = None) -> Following:
         """With the motion of another run, of which enough has arrived to begin with.
 
         Args:
             run: With what has arrived.
+            began: Its beginning as it is fitted by itself: its clocks and what it carries, where no
+                run before has told of them; None: they are as is known.
 
         Raises:
             NoBalanceError: It has no motion.
         """
         state, begin = self.recursion.state, self.recursion.settings.begin
+        if began is not None:
+            state = self._as_begun(run.name, state, began)
         start, end = span_of(self.experiment, run)
         early = replace(run, window=(start, min(end, start + begin)))
         readings = read(
-            self.experiment, state.calibration, _silent, [early], self.begun.task.settings
+            self.experiment, state.calibration, silent, [early], self.begun.task.settings
         )
         if not readings.segments:
             raise NoBalanceError("; ".join(readings.notes))
         told = on_force_clock(self.experiment, replace(state, segments=readings.segments[:1]))
-        segment = told.segments[0].disturbed(self.like.segment.processes)
+        segment = told.segments[0].disturbed(self._processes_in(run.name, began))
         sigmas = {each.source: each.sigma for each in self.like.segment.readings}
         like = replace(
             self.like.segment,
@@ -253,10 +261,69 @@ class Following:
                 if each.source in sigmas
             ),
             reference=segment.reference,
+            processes=segment.processes,
         )
         known = any(each.run == run.name for each in self.samples)
         samples = self.samples if known else (*self.samples, *readings.samples)
-        return at_beginning(replace(self, samples=samples), Likeness(like, self.like.forces))
+        resumed = replace(self, samples=samples, recursion=replace(self.recursion, state=state))
+        return at_beginning(resumed, Likeness(like, self.like.forces))
+
+    def _as_begun(self, run: str, state: FitState, began: FitState) -> FitState:
+        """A state with what is a run's own as its beginning has it: it is linearised there.
+
+        Args:
+            run: Its name.
+            state: After the runs before.
+            began: The beginning.
+        """
+        parameters, values = (
+            state.calibration.calibration_parameters,
+            state.calibration.values.copy(),
+        )
+        for own in [own for (_, _, each), own in parameters.places.items() if each == run]:
+            values[own] = began.calibration.values[own]
+        passed = {part.segment.run for part in self.parts}
+        load, first = self.experiment.load_of(run), state.parameters
+        assert first is not None
+        assert began.parameters is not None
+        if load is not None and all(self.experiment.load_of(each) is not load for each in passed):
+            body, place = (
+                began.calibration.body(began.parameters, run),
+                parameters.place_of_load(run),
+            )
+            if place is None:
+                # All others are told by how much they are more than the first.
+                for other in self.experiment.loads[1:]:
+                    values[load_place(parameters, other)] += first - body
+                first = body
+            else:
+                values[place] = body - first
+        calibration = replace(state.calibration, values=values)
+        return replace(state, parameters=first, calibration=calibration)
+
+    def _processes_in(self, run: str, began: FitState | None) -> tuple[Process, ...]:
+        """Disturbances of a run: those that go on, and what moves in its load.
+
+        Args:
+            run: Its name.
+            began: Its beginning, if it was fitted.
+        """
+        before, experiment = self.like.segment, self.experiment
+        if before.run == run or began is None or not experiment.loads:
+            return before.processes
+        kept = [
+            each
+            for each in before.processes
+            if each.source not in UNMODELLED_PARTS or not experiment.moves_within(before.run)
+        ]
+        taken = {each.source for each in kept}
+        if experiment.moves_within(run):
+            kept += [
+                each
+                for each in began.segments[0].processes
+                if each.source in UNMODELLED_PARTS and each.source not in taken
+            ]
+        return tuple(kept)
 
     @property
     def posterior(self) -> Posterior:
@@ -382,5 +449,5 @@ def _on_grid(segment: Segment, grid: KnotGrid) -> Array:
     return np.asarray(coefficients)
 
 
-def _silent(what: str, fraction: float) -> None:
+def silent(what: str, fraction: float) -> None:
     """Tells nobody."""

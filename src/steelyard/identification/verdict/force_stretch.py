@@ -100,10 +100,12 @@ def innovations(rows: Array, use: NDArray[np.bool_], kept: float) -> Array:
 
 
 def force_stretches(found: Posterior) -> Iterator[ForceStretch]:
-    """Of the segments in motion, a minute in all."""
+    """Of the segments in motion of rigid bodies, a minute in all."""
     left = _WHOLE
     for segment, forces in zip(found.fit.state.segments, found.force_samples, strict=True):
         if segment.static or forces is None or forces.guessed.all() or left <= 0:
+            continue
+        if found.experiment.moves_within(segment.run):
             continue
         stretch = _stretch(found, segment, forces, left)
         if stretch is not None:

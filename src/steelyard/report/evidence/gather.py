@@ -66,6 +66,7 @@ def body_of(name: str, estimate: Estimate) -> EstimatedBody:
         verdict.accepted,
         verdict.reasons,
         verdict.disagreement,
+        bool(estimate.details.get("moves_within")),
     )
 
 

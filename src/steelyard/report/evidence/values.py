@@ -45,6 +45,8 @@ class EstimatedBody:
     reasons: tuple[str, ...]
     disagreement: str = ""
     """That other methods that were assessed say the opposite; empty: none does."""
+    moves_within: bool = False
+    """Whether something moves in it, so that no motion tells more than its mass."""
 
 
 @dataclass(frozen=True)

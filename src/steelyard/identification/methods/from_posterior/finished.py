@@ -114,6 +114,7 @@ def finished(
                     for t in tests[:5]
                 ],
             },
+            **({"moves_within": True} if _moves_within(found) else {}),
             "disturbances": disturbed,
             "jitter": dict(found.fit.state.jitters),
             "found_errors": errors,
@@ -165,8 +166,16 @@ def _notes(found: Posterior) -> list[str]:
     return notes
 
 
+def _moves_within(found: Posterior) -> bool:
+    """Whether something moved in the load while the platform moved."""
+    runs = (run.name for run in found.experiment.runs if found.carries(run.name))
+    return any(map(found.experiment.moves_within, runs))
+
+
 def _motion(found: Posterior) -> str:
     """How the platform moved, in words: what an inertia that is not identifiable lacks."""
+    if _moves_within(found):
+        return "something moves in it: its motion tells its mass alone"
     moving = [s for s in found.samples if not s.static]
     if not moving:
         return (

@@ -47,6 +47,8 @@ class _MovingBody(NamedTuple):
     acceleration: Symbol
     gravity: Symbol
     parameters: Symbol
+    weight: Symbol
+    """Mass of which the platform feels the weight alone, at its origin, shape (1,)."""
     drag: Symbol
     attached: Symbol
     """Force, stiffness and their moments of a hose, shape (16,)."""
@@ -65,6 +67,7 @@ class _MovingBody(NamedTuple):
             "acceleration": 7,
             "gravity": 3,
             "parameters": TEN,
+            "weight": 1,
             "drag": 1,
             "attached": sum(size for _, size in ATTACHED),
             "air": sum(size for _, size in AIR),
@@ -81,6 +84,7 @@ class _MovingBody(NamedTuple):
         """What the cables must exert so that the body moves as it does."""
         state = self.state
         needed = newton_euler(self.parameters, state.specific_force, state.omega, state.alpha)
+        needed -= ca.vertcat(state.rotation.T @ (self.weight * self.gravity), ca.SX.zeros(3))
         needed -= self.drag * _dragged(robot, state, self.gravity)
         for own in ca.vertsplit(self.hoses, _PER_HOSE) if self.hoses.numel() else ():
             needed -= hose_wrench(state.position, state.rotation, self.gravity, own)

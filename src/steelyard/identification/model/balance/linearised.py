@@ -261,6 +261,11 @@ class BalancePoint:
         load = parameters.place_of_load(self.segment.run)
         if load is not None and self.asks(load):
             yield load, self.derivatives["by_parameters"]
+        apparent = parameters.place_of_apparent(self.segment.run)
+        if apparent is not None and self.asks(apparent):
+            answered = self.derivatives["by_parameters"].copy()
+            answered[:, :, 0] -= self.derivatives["by_weight"].reshape(len(answered), -1)
+            yield apparent, answered
         for name, own in _pulling(self.experiment, self.calibration, self.segment.run).items():
             column = 0
             for place in own if f"by_{name}" in self.derivatives else ():
@@ -415,6 +420,12 @@ def by_body_and_readings(
     load = calibration.calibration_parameters.place_of_load(segment.run)
     if load is not None:
         border.put(load, regressor)
+    apparent = calibration.calibration_parameters.place_of_apparent(segment.run)
+    if apparent is not None:
+        own = regressor.copy()
+        down = np.einsum("nji,j->ni", at.motion["rotation"], calibration.gravity)
+        own[:, :3, 0] -= down
+        border.put(apparent, own)
     return border.collected()
 
 
@@ -443,6 +454,9 @@ def _asked(
     """
     parameters = calibration.calibration_parameters
     yield "parameters"
+    apparent = parameters.place_of_apparent(segment.run)
+    if apparent is not None and has_column(column_of, apparent):
+        yield "weight"
     for key, error in (("drag", DRAG), ("gravity", "gravity"), *_GEOMETRY):
         place = parameters.places.get((ROBOT, error, None))
         if place is not None and has_column(column_of, place):

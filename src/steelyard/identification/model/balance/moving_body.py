@@ -91,12 +91,15 @@ def moving_body(
         parameters: The ten of the first load, shape (10,).
     """
     pose, rate, acceleration, _ = motion_at(local, segment.coefficients)
+    apparent = calibration.apparent(segment.run)
     return {
         "pose": pose,
         "rate": rate,
         "acceleration": acceleration,
         "gravity": calibration.gravity,
-        "parameters": calibration.body(parameters, segment.run),
+        "parameters": calibration.body(parameters, segment.run) + apparent,
+        # What answers accelerations otherwise weighs what it weighs.
+        "weight": -apparent[0],
         "drag": 0.0 if segment.static else calibration.drag,
         "attached": calibration.of_robot(*ATTACHED),
         "air": calibration.of_robot(*AIR, run=segment.run),

@@ -1,4 +1,4 @@
-"""By how much further loads differ from the first."""
+"""By how much further loads differ from the first, and what moves in a load."""
 
 from __future__ import annotations
 
@@ -10,7 +10,11 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment, Load
-from steelyard.identification.model.calibration_parameters.keys import LOAD, ROBOT
+from steelyard.identification.model.calibration_parameters.keys import (
+    APPARENT,
+    LOAD,
+    ROBOT,
+)
 from steelyard.identification.model.calibration_parameters.usual_forces import usual_forces
 from steelyard.identification.model.calibration_parameters.vector import (
     CalibrationParameter,
@@ -39,15 +43,41 @@ def further_loads(experiment: Experiment) -> Iterator[CalibrationParameter]:
     """By how much they differ from the first, and what is known of that."""
     if len(experiment.loads) < 2:
         return
+    wide = _any_load(experiment)
+    for load in experiment.loads[1:]:
+        mean, deviation = _of_added(load, wide)
+        yield CalibrationParameter(ROBOT, _load_key(load), None, "", mean, deviation)
+
+
+def apparent_loads(experiment: Experiment) -> Iterator[CalibrationParameter]:
+    """How loads in which something moves answer accelerations beside what they weigh: anyhow.
+
+    What swings or flows follows the platform late, ahead or not at all: to the platform it is another
+    body at every pace. Only what it weighs is the same, whatever it does.
+    """
+    keys = dict.fromkeys(apparent(experiment).values())
+    wide = _any_load(experiment) if keys else np.zeros(TEN)
+    for key in keys:
+        yield CalibrationParameter(ROBOT, key, None, "", np.zeros(TEN), wide)
+
+
+def apparent(experiment: Experiment) -> dict[str, str]:
+    """Run in motion -> key of how a load in which something moves answers accelerations there."""
+    return {
+        run.name: f"{APPARENT}.{load.name}"
+        for run in experiment.runs
+        if experiment.moves_within(run.name) and (load := experiment.load_of(run.name))
+    }
+
+
+def _any_load(experiment: Experiment) -> Array:
+    """1-sigma of ten linear parameters of which nothing is known, shape (10,)."""
     known = [load.known["mass"][0] for load in experiment.loads if "mass" in load.known]
     known += [load.added["mass"][0] for load in experiment.loads if "mass" in load.added]
     drawn = [load.nominal.mass for load in experiment.loads if load.nominal is not None]
     weighs = usual_forces(experiment) / float(np.linalg.norm(experiment.robot.gravity))
     mass, size = max([*known, *drawn, weighs, 1e-9]), plausible_radius(experiment.robot)
-    wide = _ANY_LOAD * np.array([mass, *[mass * size] * 3, *[mass * size**2] * 6])
-    for load in experiment.loads[1:]:
-        mean, deviation = _of_added(load, wide)
-        yield CalibrationParameter(ROBOT, _load_key(load), None, "", mean, deviation)
+    return _ANY_LOAD * np.array([mass, *[mass * size] * 3, *[mass * size**2] * 6])
 
 
 def _of_added(load: Load, wide: Array) -> tuple[Array, Array]:

@@ -9,6 +9,8 @@ import numpy as np
 
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters.further_loads import (
+    apparent,
+    apparent_loads,
     carried,
     further_loads,
 )
@@ -42,9 +44,12 @@ def gather(experiment: Experiment) -> CalibrationParameters:
         *_of_robot(experiment),
         *surroundings(experiment),
         *further_loads(experiment),
+        *apparent_loads(experiment),
     )
     robot = experiment.robot
-    found = CalibrationParameters(entries, robot.m, robot.covariance, carried(experiment))
+    found = CalibrationParameters(
+        entries, robot.m, robot.covariance, carried(experiment), apparent(experiment)
+    )
     if not experiment.weights:
         return found
     gravity = (ROBOT, "gravity", None)

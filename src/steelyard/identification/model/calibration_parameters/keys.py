@@ -25,3 +25,6 @@ SWIVEL = "swivel.friction"
 :func:`steelyard.robot.surroundings.swivel_wrench`."""
 LOAD = "load"
 """First part of the keys of what further loads are more than the first: ten linear parameters."""
+APPARENT = "apparent"
+"""First part of the keys of how a load in which something moves answers accelerations beside what it
+weighs: ten linear parameters."""

@@ -10,6 +10,7 @@ from steelyard.arrays import Array
 from steelyard.identification.model.calibration_parameters.keys import DRAG, ROBOT, SWIVEL
 from steelyard.identification.model.calibration_parameters.surroundings import hose_keys
 from steelyard.identification.model.calibration_parameters.vector import CalibrationParameters
+from steelyard.inertia import TEN
 from steelyard.instruments import Instrument
 from steelyard.robot.surroundings import HOSE
 
@@ -36,6 +37,16 @@ class CalibrationValues:
         """
         place = self.calibration_parameters.place_of_load(run)
         return first if place is None else first + self.values[place]
+
+    def apparent(self, run: str) -> Array:
+        """How what a run carried answers accelerations beside what it weighs, ten of
+        :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,); zero of a rigid body.
+
+        Args:
+            run: Its name.
+        """
+        place = self.calibration_parameters.place_of_apparent(run)
+        return np.zeros(TEN) if place is None else self.values[place]
 
     def delay(self, clock: str, run: str) -> float:
         """Of a clock in a run [s]."""

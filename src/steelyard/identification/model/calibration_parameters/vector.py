@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.identification.model.calibration_parameters.keys import LOAD, ROBOT
+from steelyard.identification.model.calibration_parameters.keys import APPARENT, LOAD, ROBOT
 from steelyard.identification.weighed_cells import WeighedCells
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import LATENCY
@@ -60,8 +60,10 @@ class CalibrationParameter:
 
     @property
     def is_load(self) -> bool:
-        """Whether it is no error at all, but what a further load is more than the first."""
-        return self.owner == ROBOT and self.key.startswith(f"{LOAD}.")
+        """Whether it is no error at all, but a part of a body: what a further load is more than the
+        first, or what moves in one.
+        """
+        return self.owner == ROBOT and self.key.startswith((f"{LOAD}.", f"{APPARENT}."))
 
     @property
     def negligible(self) -> float:
@@ -85,8 +87,11 @@ class CalibrationParameter:
             pairs = [(i, j) for i in range(m) for j in range(m) if i != j]
             return [f"{where} of cable {i + 1} from cable {j + 1}" for i, j in pairs]
         if self.is_load:
-            load = self.key.removeprefix(f"{LOAD}.")
-            return [f"{each} of what load '{load}' has more" for each in _OF_LOADS]
+            what, _, load = self.key.partition(".")
+            of = f"of what load '{load}' has more"
+            if what == APPARENT:
+                of = f"of what moves in load '{load}'"
+            return [f"{each} {of}" for each in _OF_LOADS]
         if size == 3:
             return [f"{where} {axis}" for axis in _AXES]
         return [where] if size == 1 else [f"{where} {i + 1}" for i in range(size)]
@@ -108,6 +113,9 @@ class CalibrationParameters:
     6 m)."""
     carried: Mapping[str, str] = field(default_factory=dict)
     """Run -> key of what it carried more than the first load; runs of the first are not there."""
+    apparent: Mapping[str, str] = field(default_factory=dict)
+    """Run in motion -> key of how a load in which something moves answers accelerations there; runs of
+    rigid bodies are not there."""
     weighed: WeighedCells | None = None
     """What dead weights tell of gains, offsets and gravity: values and 1-sigma of these are theirs;
     None: there are none."""
@@ -161,6 +169,13 @@ class CalibrationParameters:
         first load.
         """
         key = self.carried.get(run)
+        return None if key is None else self.places[ROBOT, key, None]
+
+    def place_of_apparent(self, run: str) -> slice | None:
+        """Where it stands how what a run carried answers accelerations beside what it weighs; None: it
+        is rigid, or at rest.
+        """
+        key = self.apparent.get(run)
         return None if key is None else self.places[ROBOT, key, None]
 
     def place_of_latency(self, name: str) -> slice | None:

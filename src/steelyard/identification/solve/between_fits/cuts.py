@@ -76,7 +76,12 @@ def without_standing_out(fitted: Fitted, settings: FitSettings) -> Fitted | None
     """Fitted without the force readings that stand out of it; None: none does."""
     state = fitted.fit.state
     looked = [
-        look(at, forces, forces.sigmas(segment, state.factors), settings)
+        look(
+            at,
+            forces,
+            forces.sigmas(segment, state.factors),
+            _cutting(fitted.task, segment.run, settings),
+        )
         for segment, at, forces in zip(
             state.segments, fitted.balances, fitted.force_samples, strict=True
         )
@@ -124,7 +129,8 @@ def without_touched(fitted: Fitted, settings: FitSettings) -> tuple[Fitted, bool
         at = balance_of(
             task.experiment, plain, own, state.calibration, state.parameters, state.factors
         )
-        looked = look(at, own, own.sigmas(segment, state.factors), settings)
+        limits = _cutting(task, segment.run, settings)
+        looked = look(at, own, own.sigmas(segment, state.factors), limits)
         contacts.setdefault(segment.run, []).extend(looked.contacts)
         force_samples.append(forces.leaving_out(looked.force_samples.left_out))
     changed = any(
@@ -141,6 +147,13 @@ def without_touched(fitted: Fitted, settings: FitSettings) -> tuple[Fitted, bool
         ),
         changed,
     )
+
+
+def _cutting(task: Task, run: str, settings: FitSettings) -> FitSettings:
+    """What may be cut of a run: nothing of one in which something moves in the load, and pulls all
+    along.
+    """
+    return replace(settings, most_cut=0.0) if task.experiment.moves_within(run) else settings
 
 
 def joined_contacts(

@@ -105,10 +105,13 @@ def _remarks(best: EstimatedBody, *, weighed: bool) -> Iterator[Statement]:
     if not weighed:
         unidentifiable = [each for each in unidentifiable if each.startswith("centre")]
     if unidentifiable:
+        better = "Another motion would excite them: see 'steelyard design'."
+        if best.moves_within:
+            better = "Something moves in it, so that no motion tells them; poses at rest tell where"
+            better += " its centre of gravity is."
         yield Statement(
             "Not identifiable from these data, and therefore left out:"
-            f" {', '.join(unidentifiable)}. Another motion would excite them: see 'steelyard"
-            " design'.",
+            f" {', '.join(unidentifiable)}. {better}",
             "note",
         )
     prior = _labelled(best, "prior")
