@@ -126,14 +126,19 @@ def _begun(
 
 
 def _beginning_of(found: Following, run: Run) -> FitState | None:
-    """The beginning of a further run, fitted by itself: its clocks, and what it carries, are not yet
-    known; None: it does not arrive.
+    """The beginning of a further run, fitted by itself, where its clocks or what it carries are not
+    yet known; None: they are, or it does not arrive.
 
     Args:
         found: After the runs before.
         run: With its motion.
     """
     experiment, settings = found.experiment, found.begun.task.settings
+    entries = found.recursion.task.calibration_parameters.entries
+    own = any(each.run == run.name and each.deviation.any() for each in entries)
+    loads = {experiment.load_of(part.segment.run) for part in found.parts}
+    if not own and experiment.load_of(run.name) in loads:
+        return None
     start, end = span_of(experiment, run)
     early = replace(run, window=(start, min(end, start + found.recursion.settings.begin)))
     try:
@@ -166,7 +171,9 @@ def follow(
     moving = [each for each in experiment.runs if not each.static]
     found = begin(experiment, tell, settings, own)
     for i, run in enumerate(moving):
-        found = found.resumed(run, _beginning_of(found, run)) if i else found
+        if i:
+            tell(f"beginning of {run.name}", 0.4 + 0.5 * i / len(moving))
+            found = found.resumed(run, _beginning_of(found, run))
         _, end = span_of(experiment, run)
         while found.window.grid.span(found.number)[0] < end:
             try:
