@@ -250,7 +250,7 @@ def test_what_the_swinging_load_weighs_more_is_told_beside_shared_gains():
     (more,) = identify(loosely(), "maximum-likelihood").estimate.loads.differences.values()
     assert more.value[0] == pytest.approx(16.0, abs=3 * sigma(more)[0])
     # Gains of a per cent leave more than a kilogram of either load.
-    assert sigma(more)[0] < 0.7
+    assert sigma(more)[0] < 1.1
     assert np.isnan(more.value[1:]).all()
 
 

@@ -172,8 +172,15 @@ class Case:
         )
         if disturbed or drifting:
             processes = [
-                Process(source, np.array([1.0, 2.0, 3.0]), 1.0, 0.5, integrals_of(GRID))
-                for source in (UNMODELLED_PARTS if disturbed else ())
+                Process(
+                    source,
+                    np.array([1.0, 2.0, 3.0]),
+                    1.0,
+                    0.5,
+                    integrals_of(GRID),
+                    upright=loose and part.start == 0,
+                )
+                for source, part in (UNMODELLED_PARTS.items() if disturbed else ())
             ]
             for quantity in instrument.quantities(self.robot.m) if drifting else ():
                 sizes = 1 + 0.1 * np.arange(quantity.size)
@@ -344,6 +351,27 @@ def test_derivatives_by_the_motion_are_those_of_differences(case):
     along = np.einsum("nki,dni->nkd", rows.by_motion, ways[:, own].reshape(len(ways), len(own), -1))
     filtered = found.changes is not None
     assert_derivatives(along, expected, BEHIND_A_FILTER if filtered else DIFFERENCES)
+
+
+@pytest.mark.parametrize("force", ["platform end", "wrench"])
+def test_what_pulls_along_the_axes_of_the_world_is_followed(force):
+    found = Case(force, loose=True, disturbed=True)
+    rows, whitener = found.rows(), found.balance().whitener
+    x = found.segment.coefficients
+    ways = np.random.default_rng(1).normal(size=(12, *x.shape))
+    ways[:, :, :POSE] = 0.0  # how it follows the rotation is of no account
+    expected = whitener @ central_differences(
+        lambda c: found.balance(coefficients=c).left_over, x, ways
+    )
+    own = rows.first[:, None] + np.arange(rows.by_motion.shape[2] // found.segment.block)
+    along = np.einsum("nki,dni->nkd", rows.by_motion, ways[:, own].reshape(len(ways), len(own), -1))
+    assert_derivatives(along, expected)
+    # The force is the same in the world, however the platform is turned.
+    at = found.balance()
+    pulls = next(each for each in found.segment.processes if each.upright)
+    world = found.segment.disturbance(pulls, found.segment.basis(at.time))
+    turned = np.einsum("nij,nj->ni", at.motion["rotation"], at.disturbance[:, :3])
+    np.testing.assert_allclose(turned, world, atol=1e-12)
 
 
 def test_derivatives_by_the_body_are_those_of_differences(case):

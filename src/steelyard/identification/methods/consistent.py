@@ -142,10 +142,15 @@ def _finished(
             f"{'; '.join(str(each) for each in body.binding)}; that costs a chi-square of"
             f" {body.misfit:.1f}"
         )
-        (further if chance < _TOO_MUCH and not problem.prior_weight else notes).append(
+        said = (
             "what the data say alone is no body, and the nearest one is on the edge of what can"
             f" exist: {words}"
         )
+        if chance < _TOO_MUCH and not problem.prior_weight:
+            further.append(said)
+        elif found.identifiable.all():
+            # Of moments that are null nobody sees where they are.
+            notes.append(said)
     if weight is not None:
         details["pull_towards_nominal"] = {"weight": weight, "divergence": body.prior}
         notes.append(

@@ -60,6 +60,8 @@ class Process:
     """Of a spline on the knots of the motion."""
     cause: Cause = "colored"
     """Of what is stated; what nobody has stated is noise."""
+    upright: bool = False
+    """Whether its components are along the axes of the world; else, along those of what it disturbs."""
     level_stated: bool = False
     time_stated: bool = False
 

@@ -248,7 +248,8 @@ class Following:
         if not readings.segments:
             raise NoBalanceError("; ".join(readings.notes))
         told = on_force_clock(self.experiment, replace(state, segments=readings.segments[:1]))
-        segment = told.segments[0].disturbed(self._processes_in(run.name, began))
+        segment = (told if began is None else began).segments[0]
+        segment = segment.disturbed(self._processes_in(run.name, began))
         sigmas = {each.source: each.sigma for each in self.like.segment.readings}
         like = replace(
             self.like.segment,

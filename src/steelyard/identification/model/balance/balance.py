@@ -307,7 +307,7 @@ def balance_at(
     )
     measured = _measured(experiment, segment, told, calibration, motion)
     left_over = measured.wrench - needed
-    disturbance = unmodelled_processes(segment, local)
+    disturbance = unmodelled_processes(segment, local, motion["rotation"])
     if disturbance.any():
         left_over -= np.einsum("nij,nj->ni", measured.unmodelled.wrench, disturbance)
     sigmas = told.sigmas(segment, factors)
@@ -375,18 +375,25 @@ def disturbance_of_forces(segment: Segment, force_samples: Forces, local: Basis)
     return np.concatenate(parts, axis=1)
 
 
-def unmodelled_processes(segment: Segment, local: Basis, order: int = 0) -> Array:
-    """Unmodelled wrench of the processes of a segment [N], [N m], or a derivative of it by time,
+def unmodelled_processes(segment: Segment, local: Basis, rotation: Array, order: int = 0) -> Array:
+    """Unmodelled wrench of the processes of a segment in P [N], [N m], or a derivative of it by time,
     zero where it has none, shape (n, 6).
+
+    How an upright one follows the rotation is of no account: it is as small beside the weight as the
+    noise of a rotation is beside a radian.
 
     Args:
         segment: With its processes.
         local: Spline functions at n times.
+        rotation: R_world_platform there, shape (n, 3, 3).
         order: Of the derivative.
     """
     found = np.zeros((len(local.first), DIRECTIONS))
     for each in segment.processes:
         part = UNMODELLED_PARTS.get(each.source)
         if part is not None:
-            found[:, part] = segment.disturbance(each, local, order)
+            along = segment.disturbance(each, local, order)
+            if each.upright:
+                along = np.einsum("nji,nj->ni", rotation, along)
+            found[:, part] = along
     return found

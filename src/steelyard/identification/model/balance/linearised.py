@@ -158,7 +158,10 @@ class BalancePoint:
             part = UNMODELLED_PARTS.get(each.source)
             if part is not None:
                 place = segment.process_places[each.source]
-                found[:, :, place] = -self.at.measured.unmodelled.wrench[:, :, part] * each.sizes
+                along = self.at.measured.unmodelled.wrench[:, :, part]
+                if each.upright:
+                    along = along @ np.swapaxes(self.at.motion["rotation"], 1, 2)
+                found[:, :, place] = -along * each.sizes
         for each, place, own in self.of_readings():
             found[:, :, place] = -self.at.by_reading[:, :, own] * each.sizes
         return found
@@ -261,11 +264,11 @@ class BalancePoint:
         load = parameters.place_of_load(self.segment.run)
         if load is not None and self.asks(load):
             yield load, self.derivatives["by_parameters"]
-        apparent = parameters.place_of_apparent(self.segment.run)
-        if apparent is not None and self.asks(apparent):
+        moves = parameters.place_of_apparent(self.segment.run)
+        if moves is not None and self.asks(moves):
             answered = self.derivatives["by_parameters"].copy()
             answered[:, :, 0] -= self.derivatives["by_weight"].reshape(len(answered), -1)
-            yield apparent, answered
+            yield moves, answered
         for name, own in _pulling(self.experiment, self.calibration, self.segment.run).items():
             column = 0
             for place in own if f"by_{name}" in self.derivatives else ():
@@ -307,7 +310,7 @@ class BalancePoint:
         if segment.static:
             return
         by_delay = -rate_along(by, self.motion)
-        changes = unmodelled_processes(segment, self.local, 1)
+        changes = unmodelled_processes(segment, self.local, self.at.motion["rotation"], 1)
         if changes.any():
             by_delay += np.einsum("nij,nj->ni", self.at.measured.unmodelled.wrench, changes)
         for each, _, own in self.of_readings():
@@ -454,8 +457,8 @@ def _asked(
     """
     parameters = calibration.calibration_parameters
     yield "parameters"
-    apparent = parameters.place_of_apparent(segment.run)
-    if apparent is not None and has_column(column_of, apparent):
+    moves = parameters.place_of_apparent(segment.run)
+    if moves is not None and has_column(column_of, moves):
         yield "weight"
     for key, error in (("drag", DRAG), ("gravity", "gravity"), *_GEOMETRY):
         place = parameters.places.get((ROBOT, error, None))
