@@ -10,7 +10,7 @@ from scipy.signal import bilinear, lfilter
 from simulated import PAPER, changed, moving, with_stream
 
 from steelyard.identification.model.balance import Forces, unfiltered
-from steelyard.identification.model.balance.amplifier_filter import ReadingChanges
+from steelyard.identification.model.balance.amplifier_filter import ReadingChanges, uncorrected
 from steelyard.identification.model.balance.filtered_motion import FilteredMotion
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import POSE, motion_at
@@ -193,3 +193,22 @@ def test_a_filter_is_found_in_a_slow_motion(seed):
     sigma = found.deviations[place]
     assert sigma < 0.4 * constant
     assert abs(found.calibration.values[place] - constant) < 3 * sigma
+
+
+@pytest.mark.parametrize("constant", [0.01, 0.05])
+def test_what_was_corrected_is_taken_back_as_a_linear_system_has_it(constant):
+    rng = np.random.default_rng(3)
+    time = np.sort(np.linspace(0.0, 4.0, 300) + rng.uniform(-2e-3, 2e-3, 300))
+    series = rng.normal(size=(300, 3)).cumsum(axis=0)
+    taken_off = ReadingChanges.of(time, np.eye(300)).added(constant)
+    corrected = series - ReadingChanges.of(time, series).added(constant)
+    by_solving = np.linalg.solve(np.eye(300) - taken_off, corrected)
+    size = np.abs(series).max()
+    np.testing.assert_allclose(uncorrected(time, corrected, constant), series, atol=1e-5 * size)
+    np.testing.assert_allclose(by_solving, series, atol=1e-8 * size)
+
+
+def test_filters_of_tenths_of_a_second_are_left_as_they_are():
+    time = np.arange(300) / 100
+    series = np.random.default_rng(3).normal(size=(300, 1))
+    assert uncorrected(time, series, 0.3) is series

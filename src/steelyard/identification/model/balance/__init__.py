@@ -5,6 +5,7 @@ from __future__ import annotations
 from steelyard.identification.model.balance.amplifier_filter import (
     ReadingChanges as ReadingChanges,
 )
+from steelyard.identification.model.balance.amplifier_filter import uncorrected as uncorrected
 from steelyard.identification.model.balance.balance import Balance as Balance
 from steelyard.identification.model.balance.balance import MeasuredForce as MeasuredForce
 from steelyard.identification.model.balance.balance import balance_at as balance_at

@@ -30,6 +30,11 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.identification.model.balance.slopes import AROUND, means_of, slopes
 
+_TURNS = 50
+"""Of what was added to a series, each a fifth of the one before with 50 ms."""
+_SAME = 1e-6
+"""Part of the largest by which the last may differ."""
+
 
 @dataclass(frozen=True, eq=False)
 class ReadingChanges:
@@ -103,6 +108,27 @@ class ReadingChanges:
         whole = np.asarray(constant**3 / 3 * third - constant**2 / 2 * second)
         whole[len(whole) // 2] += 1.0
         return whole
+
+
+def uncorrected(time: Array, corrected: Array, constant: float) -> Array:
+    """What a series was before what a filter adds to slow readings was taken off it, shape (n, k); as it
+    is where that cannot be told, beyond a tenth of a second.
+
+    Args:
+        time: Ascending [s], shape (n,).
+        corrected: Shape (n, k).
+        constant: Time constant T of the filter [s].
+    """
+    found, before = corrected, np.inf
+    for _ in range(_TURNS):
+        again = corrected + ReadingChanges.of(time, found).added(constant)
+        moved = float(np.max(np.abs(again - found), initial=0.0))
+        if moved > before:
+            return corrected
+        if moved <= _SAME * float(np.max(np.abs(corrected), initial=0.0)):
+            return again
+        found, before = again, moved
+    return found
 
 
 @lru_cache(maxsize=8)

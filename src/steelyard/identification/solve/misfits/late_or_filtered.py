@@ -7,13 +7,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
+
+from steelyard.identification.model.balance import (
+    Forces,
+    balance_of,
+    parts_of,
+    time_constant,
+    uncorrected,
+)
 from steelyard.identification.model.calibration_parameters import (
     CalibrationParameter,
     Key,
     gather,
 )
+from steelyard.identification.model.force_residuals import sample_weight
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.sources import Source
-from steelyard.identification.solve.fit_state import Fit, Task, linearise
+from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise
 from steelyard.identification.solve.joint_fit import prior_cost
 from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 
@@ -49,10 +60,12 @@ def twins_of(task: Task, asked: frozenset[Key]) -> dict[Key, CalibrationParamete
 
 
 def price(task: Task, found: Fit, factors: Mapping[Source, float], *, held: bool) -> float:
-    """Of a fit, every noise being as large as it is said to be.
+    """Of a fit, every noise being as large as it is said to be, and what is left of forces as they were
+    read.
 
-    Readings whose filter is put right are noisier, and count as that; what the motion takes up of that
-    noise makes a long filter look a little cheaper than it is.
+    A filter is put right in readings and motion alike, which makes readings noisier. The motion takes
+    up a part of that noise, so that a long filter looks cheaper than it is: what is left over is taken
+    back to the readings, where the same noise is there whatever the filter.
 
     Args:
         task: What was fitted.
@@ -61,4 +74,45 @@ def price(task: Task, found: Fit, factors: Mapping[Source, float], *, held: bool
         held: Whether the motion is held.
     """
     state = replace(found.state, factors=factors)
-    return linearise(task, state, held=held)[1].cost + prior_cost(task, state)
+    cost = linearise(task, state, held=held)[1].cost + prior_cost(task, state)
+    # The noise of a held motion is in what is left over, too.
+    return cost if held else cost + _as_read(task, state)
+
+
+def _as_read(task: Task, state: FitState) -> float:
+    """By how much more the residuals of forces cost as they were read than behind the correction of
+    their filters.
+    """
+    found = 0.0
+    for segment, forces in zip(state.segments, task.force_samples, strict=True):
+        if forces is None or segment.static or forces.changes is None:
+            continue
+        constant = time_constant(task.experiment, segment, forces, state.calibration)
+        if constant > 0:
+            found += _of_segment(task, state, segment, forces, constant)
+    return found
+
+
+def _of_segment(
+    task: Task, state: FitState, segment: Segment, forces: Forces, constant: float
+) -> float:
+    """See :func:`_as_read`."""
+    assert state.parameters is not None
+    assert forces.changes is not None
+    parts = [
+        balance_of(
+            task.experiment, segment, part, state.calibration, state.parameters, state.factors
+        )
+        for part in parts_of(task.experiment, segment, forces, state.calibration)
+    ]
+    left_over = np.concatenate([at.left_over for at in parts])
+    as_read = uncorrected(forces.time, left_over, constant)
+    louder = forces.changes.louder(constant)
+    found, start = 0.0, 0
+    for at in parts:
+        own = as_read[start : start + len(at.time)]
+        start += len(at.time)
+        whitened = louder * np.einsum("nij,nj->ni", at.whitener, own)
+        counts = sample_weight(at.residual) * segment.holds(at.time)
+        found += float(counts @ np.sum(whitened**2 - at.residual**2, axis=1))
+    return found
