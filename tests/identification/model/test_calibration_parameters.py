@@ -146,14 +146,14 @@ def test_a_filter_is_asked_for_where_a_motion_is_read_by_the_same_clock():
     assert found("another").suspected is None
 
 
-def test_who_shares_a_clock_may_be_late_unless_the_delay_is_stated():
+def test_who_shares_a_clock_may_be_late():
     def late(**keys):
         keys = {"cables": {"clock": "recorder"}, "imu": {"clock": "recorder", **keys}}
         entries = gather(experiment(keys)).entries
         return {each.owner for each in entries if each.key == LATENCY and each.is_absent}
 
     assert late() == {"cables", "imu"}
-    assert late(calibration={"delay": 0.0}) == {"cables"}
+    assert late(calibration={"delay": 0.0}) == {"cables", "imu"}
     assert late(clock="another") == set()
 
 

@@ -29,6 +29,10 @@ from steelyard.identification.verdict.unmodelled import (
 from steelyard.identification.verdict.vibrations import vibrations
 from steelyard.identification.verdict.winches import turned_winches
 from steelyard.inertia import TEN, body_jacobian
+from steelyard.instruments.base import LATENCY
+
+_SURELY = 3.0
+"""1-sigma by which a latency is above none."""
 
 
 def reasons(
@@ -58,6 +62,7 @@ def reasons(
         *of_disturbances(posterior, settings),
         *of_contacts(posterior, settings),
         *_of_clipped(posterior, settings),
+        *_of_latencies(posterior),
         *([] if moving is None else [str(moving)]),
         *(diagnose(posterior, settings) if contradictions else ()),
         *_of_runs(posterior, settings),
@@ -134,6 +139,25 @@ def _of_motion(
                 f"{what} scatters by only {ratio:.2g} of its stated noise; check its unit and"
                 " 'noise'"
             )
+
+
+def _of_latencies(posterior: Posterior) -> Iterator[str]:
+    """Instruments that are later than is stated of them: what else was stated may be wrong as well."""
+    parameters = posterior.calibration.calibration_parameters
+    for each in parameters.entries:
+        if each.key != LATENCY or each.is_absent:
+            continue
+        stated = posterior.experiment.instruments[each.owner].calibration.delay
+        if stated is not None:
+            place = parameters.places[each.owner, LATENCY, None]
+            (late,), (sigma,) = posterior.calibration.values[place], posterior.deviations[place]
+            # Beside a filter that nothing tells from it, it is not sure.
+            if late > _SURELY * sigma:
+                yield (
+                    f"{each.owner} reads {1e3 * late:.2g} ms later than the clock says that it"
+                    " shares, though its 'delay' is stated; correct 'delay', or give it a 'clock'"
+                    " of its own"
+                )
 
 
 def _always_still(experiment: Experiment, name: str, quantity: str) -> bool:

@@ -19,7 +19,7 @@ from steelyard.identification.model.calibration_parameters import (
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import Process
 from steelyard.identification.solve.posterior import Posterior
-from steelyard.instruments.base import LATENCY
+from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 from steelyard.instruments.noise import Cause
 from steelyard.instruments.unread_cables import PER_CABLE
 
@@ -149,6 +149,16 @@ def _on_errors(errors: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
             alike.setdefault(name.split()[0], []).append(name)
     for what, names in alike.items():
         owner, _, key = what.partition(".")
+        latency, filtered = (f"{owner}.{each}" for each in (LATENCY, TIME_CONSTANT))
+        if key in (LATENCY, TIME_CONSTANT) and latency in errors and filtered in errors:
+            if key == LATENCY:
+                behind = errors[latency]["value"] + errors[filtered]["value"]
+                yield (
+                    f"{owner} is {1e3 * behind:.2g} ms behind: these readings do not tell whether it"
+                    " is late or filtered, and the uncertainty has both; state 'time_constant' or"
+                    " 'delay' where it is known"
+                )
+            continue
         if key == LATENCY:
             yield (
                 f"{owner} reads {_number(errors[what])} later than the clock that it shares with"

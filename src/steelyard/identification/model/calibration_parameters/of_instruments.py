@@ -82,14 +82,14 @@ def errors_of_clocks(experiment: Experiment) -> Iterator[CalibrationParameter]:
 
 
 def errors_within_clocks(experiment: Experiment) -> Iterator[CalibrationParameter]:
-    """How late instruments read what a clock says that they share with others, unless their delay is
-    stated; none of them is, unless the readings ask for it.
+    """How late instruments read what a clock says that they share with others; none of them is, unless
+    the readings ask for it.
     """
     moving = [run for run in experiment.runs if not run.static]
     for name in dict.fromkeys(name for run in moving for name in run.streams):
         instrument = experiment.instruments[name]
         measures = instrument.is_measurement and not instrument.stands_in(experiment.robot.m)
-        if measures and instrument.calibration.delay is None and _shares(experiment, name):
+        if measures and _shares(experiment, name):
             none = np.zeros(1)
             yield CalibrationParameter(name, LATENCY, None, "s", none, none, LATE)
 

@@ -28,6 +28,9 @@ from steelyard.identification.solve.fit_state import Fit, FitState, Task, linear
 from steelyard.identification.solve.joint_fit import prior_cost
 from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 
+ALIKE = 9.0
+"""Difference of the costs of a latency and of a filter below which the data do not tell one from the
+other, by three of their 1-sigma: then both may be there."""
 _TWIN = {LATENCY: TIME_CONSTANT, TIME_CONSTANT: LATENCY}
 
 
@@ -57,6 +60,19 @@ def twins_of(task: Task, asked: frozenset[Key]) -> dict[Key, CalibrationParamete
         for each in gather(task.experiment).entries
         if (each.owner, each.key) in wanted and each.is_absent
     }
+
+
+def join_twins(groups: dict[Key, list[Key]]) -> None:
+    """Put latency and filter of an instrument into one group where both are there: each alone would
+    seem needless beside the other.
+
+    Args:
+        groups: Name of what belongs together -> its keys.
+    """
+    for owner, key, run in list(groups):
+        twin = next((each for each in groups if each[:2] == (owner, _TWIN.get(key))), None)
+        if key == LATENCY and twin is not None:
+            groups[twin] += groups.pop((owner, key, run))
 
 
 def price(task: Task, found: Fit, factors: Mapping[Source, float], *, held: bool) -> float:

@@ -28,7 +28,13 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise, smooth
 from steelyard.identification.solve.joint_fit import fit
-from steelyard.identification.solve.misfits.late_or_filtered import alternatives, price, twins_of
+from steelyard.identification.solve.misfits.late_or_filtered import (
+    ALIKE,
+    alternatives,
+    join_twins,
+    price,
+    twins_of,
+)
 from steelyard.identification.solve.newton_step import step_of
 from steelyard.instruments.base import LATENCY
 
@@ -76,7 +82,12 @@ def with_suspicions(
         if possible:
             factors = found.state.factors
             if len(possible) > 1:
-                possible.sort(key=lambda each: price(each[1][0], each[1][1], factors, held=held))
+                cost = {asked: price(*there, factors, held=held) for asked, there in possible}
+                possible.sort(key=lambda each: cost[each[0]])
+                best, other = possible[0][0], possible[1][0]
+                if cost[other] - cost[best] < ALIKE:
+                    both = best | other
+                    possible.insert(0, (both, _with(task, found, both, again)))
             asked, (task, found) = possible[0]
             refused -= asked
         # Else something else imitates it, and is to be named by the verdict.
@@ -92,7 +103,11 @@ def _with(
         for each in task.calibration_parameters.entries
         if not each.is_absent
     }
-    twins = {twin: none for twin, none in twins_of(task, asked).items() if twin in believed}
+    twins = {
+        twin: none
+        for twin, none in twins_of(task, asked).items()
+        if twin in believed and twin not in asked
+    }
     if asked <= believed and not twins:
         return task, found
     tried, state = _taken_back(task, found.state, twins)
@@ -128,6 +143,7 @@ def without_needless(
             key = (each.owner, each.key, each.run)
             if key in absent and not each.is_absent:
                 groups.setdefault(_name_of(each), []).append(key)
+        join_twins(groups)
         chances = {name: _chance_of(task, found, keys) for name, keys in groups.items()}
         least = max(chances, key=lambda name: chances[name], default=None)
         if least is None or chances[least] < limit:
