@@ -62,6 +62,9 @@ class VerdictSettings:
     """Readings that tell it, at least."""
     largest_wrench: float = 0.1
     """The same of an unmodelled wrench, as a part of the weight: by the platform's size of torques."""
+    largest_pull: float = 0.5
+    """The same of what moves in a load: a third of the mass on a string near its resonance pulls with a
+    third of the weight."""
     largest_torque: float = 0.25
     """The same of an unmodelled torque, as a part of that which turns the body: by how much of it
     follows the motion by chance, some per cent of the moments are not told."""

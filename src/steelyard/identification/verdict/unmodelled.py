@@ -26,6 +26,8 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
     robot = posterior.experiment.robot
     weight = abs(float(posterior.parameters[0])) * float(np.linalg.norm(robot.gravity))
     for segment in posterior.fit.state.segments:
+        if posterior.experiment.moves_within(segment.run):
+            yield from _of_what_moves(segment, robot.size, weight, settings)
         for process, along in unstated_along(segment):
             rms = root_mean_square(along)
             owner, name = process.disturbs
@@ -76,6 +78,30 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
                     " platform faster, remove what pulls at it, or state it under 'uncertainty:"
                     " {unmodelled: …}'"
                 )
+
+
+def _of_what_moves(
+    segment: Segment, size: float, weight: float, settings: VerdictSettings
+) -> Iterator[str]:
+    """What moves in a load that pulls harder than it weighs: it stands for something else."""
+    for process in segment.processes:
+        part = UNMODELLED_PARTS.get(process.source)
+        if part is None:
+            continue
+        arm, unit = (1.0, "N") if part.start == 0 else (size, "N m")
+        rms = root_mean_square(segment.disturbance(process, segment.basis(_along(segment))))
+        if rms.max() > settings.largest_pull * weight * arm:
+            yield (
+                f"run '{segment.run}': what moves in the load would pull with {rms.max():.2g} {unit}"
+                " rms, a large part of the weight; check the geometry of the robot, the order and"
+                " the signs of its forces"
+            )
+
+
+def _along(segment: Segment) -> Array:
+    """Times along a segment [s], four between two knots."""
+    start, end = segment.span
+    return np.arange(start, end, segment.spacing / 4)
 
 
 def _against_motion(segment: Segment, process: Process, settings: VerdictSettings) -> list[int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -72,4 +72,9 @@ def evaluated(excerpt: Excerpt, relation: Relation) -> InstrumentAgreement | Non
         found = evaluate(excerpt, relation)
     except np.linalg.LinAlgError:
         return None
+    if found is not None and has_body(relation):
+        run = excerpt.run.name
+        if excerpt.experiment.moves_within(run):
+            # What swings pulls as it likes; mistakes leave far more.
+            found = replace(found, bad=found.bad * excerpt.settings.moving_within)
     return found if found is not None and np.isfinite(found.ratio).all() else None

@@ -226,7 +226,13 @@ def _unidentifiable(found: Inspection) -> Iterator[Statement]:
         for each, (label, *_) in zip(found.excitation.body, LABELS, strict=True)
         if each.told == "not at all" and not (found.experiment.mass_assumed and label == "mass")
     ]
-    if labels:
+    loads = found.experiment.loads
+    if labels and loads and not loads[0].rigid:
+        yield Statement(
+            f"not identifiable from this motion: {', '.join(labels)}; something moves in the load, so"
+            " that its motion tells its mass alone"
+        )
+    elif labels:
         yield Statement(
             f"not identifiable from this motion: {', '.join(labels)}; `steelyard design` finds one"
             " from which they are"

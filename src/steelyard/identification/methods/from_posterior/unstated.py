@@ -51,6 +51,7 @@ def disturbances_along(found: Posterior) -> Iterator[tuple[dict[str, Any], Array
             owner, quantity = process.disturbs
             entry = {
                 "run": segment.run,
+                **({"moves_within": True} if _is_of_load(found, process, segment.run) else {}),
                 "owner": owner,
                 "quantity": quantity,
                 "cause": process.cause,
@@ -117,6 +118,12 @@ def _on_disturbances(disturbed: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             when += f" of cable {largest['component']}"
         elif len(each["root_mean_square"]) == len(_AXES):
             when += f" along {_AXES[largest['component'] - 1]}"
+        if each.get("moves_within"):
+            yield (
+                f"run '{each['run']}': what moves in the load pulls beside what follows the platform:"
+                f" {size:.2g} {unit} rms, {when}"
+            )
+            continue
         what = (
             f"an {quantity} acts on the platform that nothing explains"
             if owner == ROBOT
@@ -202,6 +209,11 @@ def _along(segment: Segment, process: Process) -> tuple[Array, Array]:
     inside = segment.knots[(segment.knots >= start) & (segment.knots <= end)]
     times = (inside[:-1] + inside[1:]) / 2
     return segment.disturbance(process, segment.basis(times)), times
+
+
+def _is_of_load(found: Posterior, process: Process, run: str) -> bool:
+    """Whether a disturbance is what moves in a load."""
+    return process.source in UNMODELLED_PARTS and found.experiment.moves_within(run)
 
 
 def _unit(found: Posterior, process: Process) -> str:

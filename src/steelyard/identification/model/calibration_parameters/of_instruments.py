@@ -83,15 +83,15 @@ def errors_of_clocks(experiment: Experiment) -> Iterator[CalibrationParameter]:
 
 def errors_within_clocks(experiment: Experiment) -> Iterator[CalibrationParameter]:
     """How late instruments read what a clock says that they share with others; none of them is, unless
-    the readings ask for it.
+    the readings ask for it, or for a filter, where the delay is stated.
     """
     moving = [run for run in experiment.runs if not run.static]
     for name in dict.fromkeys(name for run in moving for name in run.streams):
         instrument = experiment.instruments[name]
         measures = instrument.is_measurement and not instrument.stands_in(experiment.robot.m)
         if measures and _shares(experiment, name):
-            none = np.zeros(1)
-            yield CalibrationParameter(name, LATENCY, None, "s", none, none, LATE)
+            none, stated = np.zeros(1), instrument.calibration.delay is not None
+            yield CalibrationParameter(name, LATENCY, None, "s", none, none, LATE, instead=stated)
 
 
 def _beforehand(experiment: Experiment, name: str, term: Term) -> Array:

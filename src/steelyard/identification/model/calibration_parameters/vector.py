@@ -52,6 +52,8 @@ class CalibrationParameter:
     """1-sigma, shape (k,); 0 is exact."""
     suspected: float | None = None
     """1-sigma where the readings ask for it, see :class:`.Term`."""
+    instead: bool = False
+    """Whether it is looked at only in the place of another for which they ask."""
 
     @property
     def is_absent(self) -> bool:

@@ -76,7 +76,9 @@ def with_suspicions(
         worst = _worst(task, found.state, refused, held=held)
         if not worst:
             break
-        tried = [(each, _with(task, found, each, again)) for each in alternatives(task, worst)]
+        tried = [
+            (each, _with(task, found, each, again)) for each in alternatives(task, worst, held=held)
+        ]
         possible = [(asked, there) for asked, there in tried if _is_possible(*there, asked)]
         refused |= frozenset().union(*(asked for asked, _ in tried))
         if possible:
@@ -87,7 +89,9 @@ def with_suspicions(
                 best, other = possible[0][0], possible[1][0]
                 if cost[other] - cost[best] < ALIKE:
                     both = best | other
-                    possible.insert(0, (both, _with(task, found, both, again)))
+                    there = _with(task, found, both, again)
+                    if there[1].converged and _is_possible(*there, both, with_twin=True):
+                        possible.insert(0, (both, there))
             asked, (task, found) = possible[0]
             refused -= asked
         # Else something else imitates it, and is to be named by the verdict.
@@ -220,14 +224,20 @@ def _taken_back(
     return task, replace(state, calibration=calibration)
 
 
-def _is_possible(task: Task, found: Fit, asked: frozenset[Key]) -> bool:
+def _is_possible(task: Task, found: Fit, asked: frozenset[Key], *, with_twin: bool = False) -> bool:
     """Whether what was asked for came out as it can be: a hose pulls at one point, and pulls back;
     air brakes; a filter does not read ahead.
+
+    Args:
+        task: What was fitted.
+        found: How.
+        asked: For what.
+        with_twin: Whether a latency stands beside its filter, and so need not be sure of itself.
     """
     places = task.calibration_parameters.places
     ten, column_of = found.state.ten, task.column_of(found.state)
     for key in asked:
-        least = _least(task, key)
+        least = -_SURE if with_twin else _least(task, key)
         sigma = np.sqrt(np.diag(found.covariance)[column_of[places[key]]])
         if np.any(found.state.calibration.values[places[key]] < least * sigma):
             return False
@@ -277,7 +287,7 @@ def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) 
     for each in task.calibration_parameters.entries:
         if (each.owner, each.key, each.run) in refused:
             continue
-        if each.is_absent:
+        if each.is_absent and not each.instead:
             suspects.setdefault(_name_of(each), []).append(each)
     if not suspects:
         return frozenset()
