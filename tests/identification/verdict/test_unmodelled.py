@@ -41,7 +41,7 @@ class Samples:
         return len(self.alpha)
 
 
-def posterior(torque, stated=False, to_and_fro=True, source=TORQUE, duration=5.0):
+def posterior(torque, stated=False, to_and_fro=True, source=TORQUE, duration=5.0, loose=False):
     turns = np.cos(2 * np.pi * 5 * np.linspace(0, 1, 400)) * np.sqrt(2)
     along = np.zeros((400, 3))
     along[:, 2] = torque * (turns if to_and_fro else np.linspace(0.9, 1.1, 400))
@@ -50,12 +50,16 @@ def posterior(torque, stated=False, to_and_fro=True, source=TORQUE, duration=5.0
         static=False,
         run="swings",
         span=(0.0, duration),
+        spacing=0.1,
         processes=(process,),
         basis=lambda times: None,
         disturbance=lambda process, local: along,
     )
     return SimpleNamespace(
-        experiment=SimpleNamespace(robot=SimpleNamespace(gravity=np.array([0, 0, -9.81]), size=1)),
+        experiment=SimpleNamespace(
+            robot=SimpleNamespace(gravity=np.array([0, 0, -9.81]), size=1),
+            moves_within=lambda run: loose,
+        ),
         parameters=BODY.parameters,
         parameters_in=lambda run: BODY.parameters,
         fit=SimpleNamespace(state=SimpleNamespace(segments=(segment,))),
@@ -89,6 +93,16 @@ def test_a_few_seconds_do_not_tell_a_load_that_swings(force, duration, count):
 
 def test_one_that_is_stated_is_known():
     assert not list(of_disturbances(posterior(0.3, stated=True), VERDICT))
+
+
+@pytest.mark.parametrize(("part", "count"), [(0.3, 0), (0.7, 1)])
+@pytest.mark.parametrize("source", [FORCE, TORQUE])
+def test_what_moves_in_a_load_pulls_less_than_it_weighs(part, count, source):
+    pulls = part * 98.1
+    found = list(of_disturbances(posterior(pulls, True, source=source, loose=True), VERDICT))
+    assert len(found) == count
+    if found:
+        assert "what moves in the load would pull with 69 N" in found[0]
 
 
 @pytest.mark.parametrize(("wrench", "of_readings"), [(0.2, 0.0), (0.0, 0.2)])
