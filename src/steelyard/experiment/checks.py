@@ -178,26 +178,26 @@ def check_known_or_weighed(experiment: Experiment, document: YamlDocument) -> No
             )
 
 
-def check_moves_within(experiment: Experiment, document: YamlDocument) -> None:
-    """Refuse motions of a load in which something moves where forces do not tell the whole wrench: what
+def check_moves_within(
+    experiment: Experiment, run: Run, document: YamlDocument, where: tuple[str | int, ...]
+) -> None:
+    """Refuse a motion of a load in which something moves where forces do not tell the whole wrench: what
     pulls along the rest goes with the motion of the platform, and so does not average out.
     """
-    for number, run in enumerate(experiment.runs):
-        if not experiment.moves_within(run.name):
-            continue
-        name = experiment.force_instrument(run)
-        cells = 0
-        if name is not None and not experiment.instruments[name].stands_in(experiment.robot.m):
-            own = experiment.instruments[name]
-            read = [c for q in own.quantities(experiment.robot.m) for c in q.forms[0]]
-            cells = len(set(read) - own.unread)
-        if cells < DIRECTIONS:
-            raise document.error(
-                ("runs", number, "load"),
-                f"run '{run.name}': expected poses at rest of a load in which something moves, or"
-                f" {DIRECTIONS} forces that tell the whole wrench on the platform, found a run in"
-                f" motion with {cells}; record poses at rest ('static: true'), or leave the run out",
-            )
+    if not experiment.moves_within(run.name):
+        return
+    name, m = experiment.force_instrument(run), experiment.robot.m
+    cells = 0
+    if name is not None and not experiment.instruments[name].stands_in(m):
+        own = experiment.instruments[name]
+        cells = len({c for q in own.quantities(m) for c in q.forms[0]} - own.unread)
+    if cells < DIRECTIONS:
+        raise document.error(
+            (*where, "load"),
+            f"run '{run.name}': expected poses at rest of a load in which something moves, or"
+            f" {DIRECTIONS} forces that tell the whole wrench on the platform, found a run in"
+            f" motion with {cells}; record poses at rest ('static: true'), or leave the run out",
+        )
 
 
 def check_instruments(

@@ -98,9 +98,10 @@ def assembled(
         )
     if weighed:
         check_known_or_weighed(experiment, document)
-        check_moves_within(experiment, document)
     numbers = {run.name: i for i, run in enumerate(runs)}
     for run in experiment.runs:
+        if weighed:
+            check_moves_within(experiment, run, document, ("runs", numbers[run.name]))
         check_run(experiment, run, document, ("runs", numbers[run.name]), weighed=weighed)
     return experiment
 

@@ -13,9 +13,18 @@ from steelyard.errors import InfeasibleError, InputError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.experiment.unread import without_constant_lengths
+from steelyard.identification.model.balance import UNMODELLED_PARTS
+from steelyard.identification.model.calibration_parameters import load_place
+from steelyard.identification.model.motion_segment import Segment
+from steelyard.identification.model.processes import Process
 from steelyard.identification.recursive.arrivals import Likeness
 from steelyard.identification.recursive.events import advanced
-from steelyard.identification.recursive.following import Following, at_beginning, silent
+from steelyard.identification.recursive.following import (
+    Following,
+    RunBeginning,
+    at_beginning,
+    silent,
+)
 from steelyard.identification.recursive.parts import counted_from
 from steelyard.identification.recursive.recursion import Recursion
 from steelyard.identification.recursive.settings import RECURSIVE, RecursiveSettings
@@ -125,7 +134,7 @@ def _begun(
     )
 
 
-def _beginning_of(found: Following, run: Run) -> FitState | None:
+def _beginning_of(found: Following, run: Run) -> RunBeginning | None:
     """The beginning of a further run, fitted by itself, where its clocks or what it carries are not
     yet known; None: they are, or it does not arrive.
 
@@ -136,17 +145,69 @@ def _beginning_of(found: Following, run: Run) -> FitState | None:
     experiment, settings = found.experiment, found.begun.task.settings
     entries = found.recursion.task.calibration_parameters.entries
     own = any(each.run == run.name and each.deviation.any() for each in entries)
-    loads = {experiment.load_of(part.segment.run) for part in found.parts}
-    if not own and experiment.load_of(run.name) in loads:
+    carried = {experiment.load_of(part.segment.run) for part in found.parts}
+    if not own and experiment.load_of(run.name) in carried:
         return None
     start, end = span_of(experiment, run)
     early = replace(run, window=(start, min(end, start + found.recursion.settings.begin)))
     try:
         taken = read(experiment, None, silent, [early], settings)
-        again = fit_readings(taken, started(taken, silent, thorough=False), silent)
+        fitted = fit_readings(taken, started(taken, silent, thorough=False), silent)
     except (NoBalanceError, *LOST):
         return None
-    return again.fit.state if again.fit.converged else None
+    state = fitted.fit.state
+    if not fitted.fit.converged:
+        return None
+    segment = state.segments[0].disturbed(_processes_in(found, run.name, state.segments[0]))
+    return RunBeginning(_with_its_own(found, run.name, state), segment)
+
+
+def _with_its_own(found: Following, run: str, began: FitState) -> FitState:
+    """What is known after the runs before, with what is a run's own as its beginning has it.
+
+    Args:
+        found: After the runs before.
+        run: Name of the run.
+        began: Its beginning.
+    """
+    experiment, state = found.experiment, found.recursion.state
+    parameters, first = state.calibration.calibration_parameters, state.parameters
+    values = state.calibration.values.copy()
+    for (_, _, own), place in parameters.places.items():
+        if own == run:
+            values[place] = began.calibration.values[place]
+    assert first is not None
+    assert began.parameters is not None
+    load = experiment.load_of(run)
+    if load is not None and all(
+        experiment.load_of(part.segment.run) is not load for part in found.parts
+    ):
+        body, carried = began.calibration.body(began.parameters, run), parameters.place_of_load(run)
+        if carried is not None:
+            values[carried] = body - first
+        else:
+            # All others are told by how much they are more than the first.
+            for other in experiment.loads[1:]:
+                values[load_place(parameters, other)] += first - body
+            first = body
+    calibration = replace(state.calibration, values=values)
+    return replace(state, parameters=first, calibration=calibration)
+
+
+def _processes_in(found: Following, run: str, began: Segment) -> tuple[Process, ...]:
+    """Disturbances of a run: those that go on, and what moves in its load.
+
+    Args:
+        found: After the runs before.
+        run: Name of the run.
+        began: Its beginning.
+    """
+    before, experiment = found.like.segment, found.experiment
+    moved, moves = (experiment.moves_within(each) for each in (before.run, run))
+    kept = [each for each in before.processes if not (moved and each.source in UNMODELLED_PARTS)]
+    taken = {each.source for each in kept}
+    further = began.processes if moves else ()
+    return (*kept, *(p for p in further if p.source in UNMODELLED_PARTS.keys() - taken))
 
 
 def follow(

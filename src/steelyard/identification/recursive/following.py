@@ -13,10 +13,7 @@ from steelyard.errors import InfeasibleError
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
-from steelyard.identification.model.balance import UNMODELLED_PARTS
-from steelyard.identification.model.calibration_parameters import load_place
 from steelyard.identification.model.motion_segment import Segment
-from steelyard.identification.model.processes import Process
 from steelyard.identification.model.segment import basis, values_at
 from steelyard.identification.recursive.arrivals import Likeness, within
 from steelyard.identification.recursive.new_load import FIRST
@@ -94,6 +91,16 @@ class Event:
     """Of a load: by how much it weighs more than what was carried before [kg]."""
     sigma: float | None = None
     """1-sigma [kg]."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunBeginning:
+    """The beginning of a further run, as it is fitted by itself."""
+
+    state: FitState
+    """What is known after the runs before, with the clocks of this one and what it carries."""
+    segment: Segment
+    """With its motion and disturbances."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,20 +233,20 @@ class Following:
             return self.ended()
         return replace(self, recursion=self.recursion.ended())
 
-    def resumed(self, run: Run, began: FitState | None = None) -> Following:
+    def resumed(self, run: Run, begun: RunBeginning | None = None) -> Following:
         """With the motion of another run, of which enough has arrived to begin with.
 
         Args:
             run: With what has arrived.
-            began: Its beginning as it is fitted by itself: its clocks and what it carries, where no
-                run before has told of them; None: they are as is known.
+            begun: Its beginning as it is fitted by itself; None: clocks and what it carries are as is
+                known.
 
         Raises:
             NoBalanceError: It has no motion.
         """
         state, begin = self.recursion.state, self.recursion.settings.begin
-        if began is not None:
-            state = self._as_begun(run.name, state, began)
+        if begun is not None:
+            state = begun.state
         start, end = span_of(self.experiment, run)
         early = replace(run, window=(start, min(end, start + begin)))
         readings = read(
@@ -247,9 +254,11 @@ class Following:
         )
         if not readings.segments:
             raise NoBalanceError("; ".join(readings.notes))
-        told = on_force_clock(self.experiment, replace(state, segments=readings.segments[:1]))
-        segment = (told if began is None else began).segments[0]
-        segment = segment.disturbed(self._processes_in(run.name, began))
+        if begun is None:
+            told = on_force_clock(self.experiment, replace(state, segments=readings.segments[:1]))
+            segment = told.segments[0].disturbed(self.like.segment.processes)
+        else:
+            segment = begun.segment
         sigmas = {each.source: each.sigma for each in self.like.segment.readings}
         like = replace(
             self.like.segment,
@@ -268,63 +277,6 @@ class Following:
         samples = self.samples if known else (*self.samples, *readings.samples)
         resumed = replace(self, samples=samples, recursion=replace(self.recursion, state=state))
         return at_beginning(resumed, Likeness(like, self.like.forces))
-
-    def _as_begun(self, run: str, state: FitState, began: FitState) -> FitState:
-        """A state with what is a run's own as its beginning has it: it is linearised there.
-
-        Args:
-            run: Its name.
-            state: After the runs before.
-            began: The beginning.
-        """
-        parameters, values = (
-            state.calibration.calibration_parameters,
-            state.calibration.values.copy(),
-        )
-        for own in [own for (_, _, each), own in parameters.places.items() if each == run]:
-            values[own] = began.calibration.values[own]
-        passed = {part.segment.run for part in self.parts}
-        load, first = self.experiment.load_of(run), state.parameters
-        assert first is not None
-        assert began.parameters is not None
-        if load is not None and all(self.experiment.load_of(each) is not load for each in passed):
-            body, place = (
-                began.calibration.body(began.parameters, run),
-                parameters.place_of_load(run),
-            )
-            if place is None:
-                # All others are told by how much they are more than the first.
-                for other in self.experiment.loads[1:]:
-                    values[load_place(parameters, other)] += first - body
-                first = body
-            else:
-                values[place] = body - first
-        calibration = replace(state.calibration, values=values)
-        return replace(state, parameters=first, calibration=calibration)
-
-    def _processes_in(self, run: str, began: FitState | None) -> tuple[Process, ...]:
-        """Disturbances of a run: those that go on, and what moves in its load.
-
-        Args:
-            run: Its name.
-            began: Its beginning, if it was fitted.
-        """
-        before, experiment = self.like.segment, self.experiment
-        if before.run == run or began is None or not experiment.loads:
-            return before.processes
-        kept = [
-            each
-            for each in before.processes
-            if each.source not in UNMODELLED_PARTS or not experiment.moves_within(before.run)
-        ]
-        taken = {each.source for each in kept}
-        if experiment.moves_within(run):
-            kept += [
-                each
-                for each in began.segments[0].processes
-                if each.source in UNMODELLED_PARTS and each.source not in taken
-            ]
-        return tuple(kept)
 
     @property
     def posterior(self) -> Posterior:

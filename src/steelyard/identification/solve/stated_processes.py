@@ -129,10 +129,10 @@ def _moving_within(
     """
     gravity = task.experiment.robot.gravity
     along = (gravity / np.linalg.norm(gravity)) ** 2
+    stated = Disturbance("colored", None, _SWINGS)
     for source, part in UNMODELLED_PARTS.items():
         noise = size_of(task, state, segment, forces, source)
         assert noise is not None
-        stated = Disturbance("colored", None, _SWINGS)
         for process in _process(source, stated, noise, segment, task.settings.motion):
             if part.start == 0:
                 sizes = process.sizes * np.sqrt(1 - (1 - _ALONG_GRAVITY**2) * along)

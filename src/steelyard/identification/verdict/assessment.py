@@ -31,9 +31,6 @@ from steelyard.identification.verdict.winches import turned_winches
 from steelyard.inertia import TEN, body_jacobian
 from steelyard.instruments.base import LATENCY
 
-_SURELY = 3.0
-"""1-sigma by which a latency is above none."""
-
 
 def reasons(
     posterior: Posterior,
@@ -62,7 +59,7 @@ def reasons(
         *of_disturbances(posterior, settings),
         *of_contacts(posterior, settings),
         *_of_clipped(posterior, settings),
-        *_of_latencies(posterior),
+        *_of_latencies(posterior, settings),
         *([] if moving is None else [str(moving)]),
         *(diagnose(posterior, settings) if contradictions else ()),
         *_of_runs(posterior, settings),
@@ -141,7 +138,7 @@ def _of_motion(
             )
 
 
-def _of_latencies(posterior: Posterior) -> Iterator[str]:
+def _of_latencies(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     """Instruments that are later than is stated of them: what else was stated may be wrong as well."""
     parameters = posterior.calibration.calibration_parameters
     for each in parameters.entries:
@@ -152,7 +149,7 @@ def _of_latencies(posterior: Posterior) -> Iterator[str]:
             place = parameters.places[each.owner, LATENCY, None]
             (late,), (sigma,) = posterior.calibration.values[place], posterior.deviations[place]
             # Beside a filter that nothing tells from it, it is not sure.
-            if late > _SURELY * sigma:
+            if late > settings.surely_late * sigma:
                 yield (
                     f"{each.owner} reads {1e3 * late:.2g} ms later than the clock says that it"
                     " shares, though its 'delay' is stated; correct 'delay', or give it a 'clock'"

@@ -65,6 +65,8 @@ class VerdictSettings:
     largest_pull: float = 0.5
     """The same of what moves in a load: a third of the mass on a string near its resonance pulls with a
     third of the weight."""
+    surely_late: float = 3.0
+    """1-sigma by which an instrument is later than is stated of it."""
     largest_torque: float = 0.25
     """The same of an unmodelled torque, as a part of that which turns the body: by how much of it
     follows the motion by chance, some per cent of the moments are not told."""

@@ -13,6 +13,7 @@ from steelyard.identification.model.balance import UNMODELLED_PARTS, balance_of
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import Process
 from steelyard.identification.solve.misfits.disturbances import (
+    every_along,
     root_mean_square,
     unstated_along,
 )
@@ -84,24 +85,18 @@ def _of_what_moves(
     segment: Segment, size: float, weight: float, settings: VerdictSettings
 ) -> Iterator[str]:
     """What moves in a load that pulls harder than it weighs: it stands for something else."""
-    for process in segment.processes:
+    for process, along in every_along(segment):
         part = UNMODELLED_PARTS.get(process.source)
         if part is None:
             continue
         arm, unit = (1.0, "N") if part.start == 0 else (size, "N m")
-        rms = root_mean_square(segment.disturbance(process, segment.basis(_along(segment))))
+        rms = root_mean_square(along)
         if rms.max() > settings.largest_pull * weight * arm:
             yield (
                 f"run '{segment.run}': what moves in the load would pull with {rms.max():.2g} {unit}"
                 " rms, a large part of the weight; check the geometry of the robot, the order and"
                 " the signs of its forces"
             )
-
-
-def _along(segment: Segment) -> Array:
-    """Times along a segment [s], four between two knots."""
-    start, end = segment.span
-    return np.arange(start, end, segment.spacing / 4)
 
 
 def _against_motion(segment: Segment, process: Process, settings: VerdictSettings) -> list[int]:

@@ -72,9 +72,9 @@ def evaluated(excerpt: Excerpt, relation: Relation) -> InstrumentAgreement | Non
         found = evaluate(excerpt, relation)
     except np.linalg.LinAlgError:
         return None
-    if found is not None and has_body(relation):
-        run = excerpt.run.name
-        if excerpt.experiment.moves_within(run):
-            # What swings pulls as it likes; mistakes leave far more.
-            found = replace(found, bad=found.bad * excerpt.settings.moving_within)
-    return found if found is not None and np.isfinite(found.ratio).all() else None
+    if found is None or not np.isfinite(found.ratio).all():
+        return None
+    if has_body(relation) and excerpt.experiment.moves_within(excerpt.run.name):
+        # What swings pulls as it likes; mistakes leave far more.
+        return replace(found, bad=found.bad * excerpt.settings.moving_within)
+    return found

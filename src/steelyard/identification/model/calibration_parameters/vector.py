@@ -182,7 +182,7 @@ class CalibrationParameters:
 
     def place_of_latency(self, name: str) -> slice | None:
         """Where it stands by how much an instrument is later than its clock says; None: it shares
-        none, or its delay is stated.
+        none.
         """
         return self.places.get((name, LATENCY, None))
 

@@ -87,16 +87,18 @@ def with_disturbances(
     return found if found is first else fit(task, found.state)
 
 
-def unstated_along(segment: Segment) -> Iterator[tuple[Process, Array]]:
-    """Disturbances of a segment that nobody has stated, and what they are at instants along it in SI
-    units, shape (t, p) each.
-    """
+def every_along(segment: Segment) -> Iterator[tuple[Process, Array]]:
+    """Disturbances of a segment, and what they are at instants along it in SI units, shape (t, p) each."""
     if segment.static:
         return
     local = segment.basis(np.linspace(*segment.span, _INSTANTS))
     for each in segment.processes:
-        if not each.is_stated:
-            yield each, np.asarray(segment.disturbance(each, local))
+        yield each, np.asarray(segment.disturbance(each, local))
+
+
+def unstated_along(segment: Segment) -> Iterator[tuple[Process, Array]]:
+    """Those that nobody has stated, see :func:`every_along`."""
+    return ((each, along) for each, along in every_along(segment) if not each.is_stated)
 
 
 def root_mean_square(along: Array) -> Array:
