@@ -6,6 +6,8 @@ diagonals do not see: where many columns are asked for, whole blocks are taken a
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from scipy.linalg import cho_solve_banded
 from scipy.linalg.blas import dsbmv, dtrsm
@@ -136,8 +138,21 @@ def banded_product(band: Array, vector: Array) -> Array:
     return np.asarray(np.column_stack(product) if vector.ndim == 2 else product[0])
 
 
+def banded_sum(bands: Iterable[Array]) -> Array:
+    """Sum of symmetric matrices in lower banded form, as wide as the widest of them.
+
+    Args:
+        bands: Of as many columns each, at least one.
+    """
+    every = list(bands)
+    found = np.zeros_like(max(every, key=len))
+    for each in every:
+        found[: len(each)] += each
+    return found
+
+
 def banded_trace(one: Array, other: Array) -> float:
     """Trace of the product of two symmetric matrices in lower banded form, of the second as far as
     the first reaches.
     """
-    return float(2 * np.vdot(one, other) - np.vdot(one[0], other[0]))
+    return float(2 * np.vdot(one, other[: len(one)]) - np.vdot(one[0], other[0]))

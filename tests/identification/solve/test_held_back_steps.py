@@ -71,9 +71,51 @@ def test_the_reach_follows_what_was_kept(kept, factor):
     assert _reach_after(last, 100.0 - 50.0 * kept, 0.8, FIT) == pytest.approx(0.8 * factor)
 
 
-@pytest.mark.parametrize(("last", "ends"), [(90.0, "last"), (100.1, "origin"), (1e6, "origin")])
-def test_a_fit_ends_where_the_cost_is_lower(last, ends):
-    from steelyard.identification.solve.joint_fit import _Evaluated, _lower
+@pytest.mark.parametrize(
+    ("last", "ends"), [(90.0, "last"), (100.1, "origin"), (1e6, "origin"), (None, "origin")]
+)
+def test_a_fit_ends_where_the_cost_is_lower_and_cables_can_be(monkeypatch, last, ends):
+    from types import SimpleNamespace
 
-    after, before = _Evaluated("last", (), None, last), _Evaluated("origin", (), None, 100.0)
-    assert _lower(after, before, FIT).state == ends
+    from steelyard.errors import InfeasibleError
+    from steelyard.identification.solve import joint_fit
+
+    def about(task, state):
+        cost = {"last": last, "origin": 100.0}[state]
+        if cost is None:
+            raise InfeasibleError("a cable hangs nowhere")
+        return joint_fit._Evaluated(state, (), None, cost)
+
+    monkeypatch.setattr(joint_fit, "_about", about)
+    assert joint_fit._lower(SimpleNamespace(settings=FIT), "last", "origin").state == ends
+
+
+@pytest.mark.integration
+def test_a_step_to_where_no_cables_can_be_is_shortened(monkeypatch):
+    """The fit ends where it does with the whole step."""
+    from simulated import moving
+
+    from steelyard.errors import InfeasibleError
+    from steelyard.identification.solve import joint_fit
+    from steelyard.identification.solve.joint_motion import fit_jointly
+
+    experiment = moving([1, 1, 1, 1, 1, 1], duration=6.0)(3)
+    whole = fit_jointly(experiment)
+    linearise, calls = joint_fit.linearise, []
+
+    def refusing(task, state, **kinds):
+        calls.append(state)
+        if state.parameters is not None and not refusing.done:
+            refusing.seen += 1
+            if refusing.seen in (2, 3):
+                refusing.done = refusing.seen == 3
+                raise InfeasibleError("a cable hangs nowhere")
+        return linearise(task, state, **kinds)
+
+    refusing.done, refusing.seen = False, 0
+    monkeypatch.setattr(joint_fit, "linearise", refusing)
+    found = fit_jointly(experiment)
+    assert refusing.done
+    off = found.solution.value - whole.solution.value
+    sigma = np.sqrt(np.diag(whole.solution.covariance))
+    assert np.abs(off[:10] / sigma[:10]).max() < 0.05

@@ -120,6 +120,7 @@ def test_noise_that_a_process_takes_up_counts_as_noise(monkeypatch, wrench, of_r
         noise=SimpleNamespace(whitener=np.eye(6)[None] * np.sqrt(0.5) / 0.2),
         disturbance=np.full((1, 6), wrench),
         coloured=np.full((1, 6), of_readings),
+        told=np.ones(1, dtype=bool),
     )
     monkeypatch.setattr(unmodelled, "balance_of", lambda *given: at)
     state = SimpleNamespace(segments=(None,), calibration=None, parameters=np.ones(10), factors={})

@@ -99,7 +99,9 @@ def _carried_of(
         corrections[:, unread] = at.noise.pulled
     K = by_reading @ corrections
     K[touched] = 0.0
-    values = np.asarray(at.measured.values - np.einsum("nkj,nj->nk", K, at.left_over))
+    # Cables stretch by the tensions before the filter.
+    left_over = at.left_over if at.off is None else at.left_over - at.off
+    values = np.asarray(at.measured.values - np.einsum("nkj,nj->nk", K, left_over))
 
     def following_balance(change: Array) -> Array:
         return -K @ change
@@ -107,10 +109,6 @@ def _carried_of(
     by = point.by_motion()
     by_state = following_balance(point.by_state(by[0]))
     by_rate, by_acceleration = (following_balance(each) for each in by[1:])
-    if point.filtered is not None:
-        # Cables stretch by the tensions before the filter.
-        filtered = point.filtered.acceleration[:, :, None]
-        values = values - (by_acceleration @ filtered)[:, :, 0]
     moved = point.followed_by_readings()
     if moved is not None:
         by_state[:, :, :POSE] += moved[0]
@@ -136,8 +134,7 @@ def _carried_of(
         for place, sign in point.delays():
             border.put(place, sign * later)
         if (of_filter := point.place_of_filter()) is not None:
-            changed = by_reading @ point.readings_by_filter()[:, :, None]
-            border.put(of_filter, later + kept @ changed)
+            border.put(of_filter, later)
     drag = point.calibration.calibration_parameters.places[ROBOT, DRAG, None]
     if not point.segment.static and point.asks(drag):
         border.put(drag, following_balance(point.derivatives["by_drag"][:, :, None]))

@@ -35,7 +35,6 @@ from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import (
     Rows,
     covariance_of,
-    spread,
 )
 from steelyard.identification.model.sources import Source
 from steelyard.identification.tally import (
@@ -84,13 +83,24 @@ def force_residuals(
     factors: Mapping[Source, float],
     tally: Tally | None,
     held: Array | None = None,
+    *,
+    wide: bool = False,
 ) -> Iterator[Rows]:
     """Whitened balance of forces and motion, some samples at a time; arguments as of
     :func:`whitened_balance`.
     """
     for part in parts_of(experiment, segment, force_samples, calibration):
         yield from whitened_balance(
-            experiment, segment, part, calibration, column_of, parameters, factors, tally, held
+            experiment,
+            segment,
+            part,
+            calibration,
+            column_of,
+            parameters,
+            factors,
+            tally,
+            held,
+            wide=wide,
         ).rows
 
 
@@ -106,6 +116,7 @@ def whitened_balance(
     held: Array | None = None,
     *,
     narrow: bool = False,
+    wide: bool = False,
 ) -> WhitenedBalance:
     """Balance of forces and motion with its derivatives, whitened; its first ten columns of the
     border are those of the body.
@@ -122,31 +133,31 @@ def whitened_balance(
         held: Covariance of the motion's coefficients where it is held while forces are looked at,
             lower banded form, shape (42, N); None: it follows them.
         narrow: See :func:`.motion_residuals`.
+        wide: Whether rows behind a filter may have more functions than the six that are not zero at a
+            time.
     """
     asked = column_of if narrow else None
     point = point_of(experiment, segment, force_samples, calibration, parameters, factors, asked)
-    at, local = point.at, point.local_of_balance
-    by = point.by_motion()
+    at, by = point.at, point.by_motion()
     border = Border(column_of, len(at.time), DIRECTIONS)
     border.extend(np.arange(TEN), point.by_body(parameters))
     for place, derivative in chain(point.by_terms(), point.by_robot(), point.by_moving(by)):
         border.put(place, derivative)
     by_errors, columns = border.collected()
-    by_coefficients = at.whitener @ spread(
-        local, point.by_state(by[0]), *by[1:], block=segment.block
-    )
+    first, by_coefficients = point.by_coefficients(by, wide=wide)
+    by_coefficients = at.whitener @ by_coefficients
     size = at.size
     if held is not None:
-        moved = covariance_of(held, by_coefficients, local.first, segment.block)
+        moved = covariance_of(held, by_coefficients, first, segment.block)
         whole = np.linalg.solve(np.eye(DIRECTIONS) + moved, at.residual[:, :, None])[:, :, 0]
         size = np.sqrt(np.sum(at.residual * whole, axis=1))
-    weight = segment.holds(at.time) * robust_weight(size, DIRECTIONS) * ~force_samples.touched
+    weight = at.told * robust_weight(size, DIRECTIONS) * ~force_samples.touched
     if tally is not None:
         tally_forces(tally, segment, force_samples, at, weight, size)
     root = np.sqrt(weight)
     by_coefficients *= root[:, None, None]
     rows = Rows(
-        local.first,
+        first,
         root[:, None] * at.residual,
         by_coefficients,
         (root[:, None, None] * at.whitener) @ by_errors,

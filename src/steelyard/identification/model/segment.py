@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, reduce
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from scipy.linalg.lapack import dtbtrs
 from steelyard.arrays import Array
 from steelyard.identification.banded import (
     banded_product,
+    banded_sum,
     banded_trace,
     banded_window,
     selected_inverse,
@@ -199,7 +200,7 @@ class NormalEquations:
     def __add__(self, other: NormalEquations) -> NormalEquations:
         """Of both kinds of readings."""
         return NormalEquations(
-            self.band + other.band,
+            banded_sum([self.band, other.band]),
             self.side + other.side,
             self.corner + other.corner,
             self.motion_gradient + other.motion_gradient,
@@ -285,9 +286,11 @@ class NormalEquations:
             bands: Its matrices, lower banded form, shape (42, N) each; their sum counts.
             coefficients: Present ones, shape (f, block).
         """
-        total = reduce(np.add, bands)
+        total = banded_sum(bands)
         pull = banded_product(total, coefficients.ravel())
-        return replace(self, band=self.band + total, motion_gradient=self.motion_gradient - pull)
+        return replace(
+            self, band=banded_sum([self.band, total]), motion_gradient=self.motion_gradient - pull
+        )
 
 
 def covariance_of(inverse: Array, rows: Array, first: NDArray[np.intp], block: int = POSE) -> Array:
@@ -330,7 +333,7 @@ def accumulate(
         functions: Of the motion.
         border: Number of border parameters.
         rows: All there are.
-        width: Coefficients that one instant depends on.
+        width: Coefficients that one instant depends on, of rows that are no wider.
         block: Coefficients of one function.
     """
     size = functions * block
@@ -342,14 +345,15 @@ def accumulate(
         np.zeros(border),
     )
     for part in rows:
-        band = parts.setdefault(part.label, np.zeros((width, size)))
+        own_width = part.by_motion.shape[2]
+        band = parts.setdefault(part.label, np.zeros((own_width, size)))
         columns = np.arange(border) if part.columns is None else part.columns
         first, order = part.first, None
         if len(first) and np.any(np.diff(first) < 0):
             order = np.argsort(first, kind="stable")
             first = first[order]
         # Products over many columns are large: so many instants at once as fit into a bound.
-        at_once = int(np.clip(_NUMBERS // (width + len(columns) + 1) ** 2, _FEW, _AT_ONCE))
+        at_once = int(np.clip(_NUMBERS // (own_width + len(columns) + 1) ** 2, _FEW, _AT_ONCE))
         for start in range(0, functions, at_once):
             span = slice(*np.searchsorted(first, [start, start + at_once]))
             if span.start == span.stop:
@@ -361,19 +365,19 @@ def accumulate(
             )
             products = _products(together, first[span] - origin, last - origin + 1)
             _scatter(band, products, origin, block)
-            count, reach = last - origin + 1, width // block
+            count, reach = last - origin + 1, own_width // block
             across = np.zeros((count + reach - 1, block, len(columns) + 1))
             for function in range(reach):
                 own = slice(function * block, (function + 1) * block)
-                across[function : function + count] += products[:, own, width:]
+                across[function : function + count] += products[:, own, own_width:]
             target = slice(origin, last + reach)
             place = slice(target.start * block, target.stop * block)
             side[place, columns] += across.reshape(-1, len(columns) + 1)[:, :-1]
             by_motion[target] -= across[:, :, -1]
-            total = products[:, width:, width:].sum(axis=0)
+            total = products[:, own_width:, own_width:].sum(axis=0)
             corner[np.ix_(columns, columns)] += total[:-1, :-1]
             by_border[columns] -= total[:-1, -1]
-    band = reduce(np.add, parts.values(), np.zeros((width, size)))
+    band = banded_sum([np.zeros((width, size)), *parts.values()])
     return NormalEquations(band, side, corner, by_motion.ravel(), by_border, parts, block)
 
 

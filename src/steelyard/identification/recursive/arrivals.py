@@ -124,7 +124,6 @@ def _forces(
         readings=dict(zip(values, np.split(filled[use], ends, axis=1), strict=True)),
         left_out=(missing & ~unread)[use],
         late=None,
-        # The end of a stream tells no third derivative.
-        changes=None,
+        smoothed=False,
         before=None,
     )

@@ -136,7 +136,7 @@ def unheard_since(recursion: Recursion, number: int) -> Recursion:
 
 def unheard(forces: Forces) -> Forces:
     """Forces that tell nothing of the body."""
-    return forces.leaving_out(np.ones_like(forces.left_out))
+    return replace(forces, left_out=np.ones_like(forces.left_out))
 
 
 def with_columns(part: SegmentEquations) -> SegmentEquations:

@@ -85,7 +85,7 @@ def without_spikes(
         whole = np.concatenate([each.whole for each in every]) & ~single.any(axis=1)
         if not single.any():
             break
-        found = found.bridged(single).leaving_out(found.left_out | single)
+        found = replace(found.bridged(single), left_out=found.left_out | single)
         balances = look(found)
     return left_out_of(forces, found.left_out & ~forces.left_out, whole, settings)
 
@@ -127,7 +127,7 @@ def left_out_of(forces: Forces, single: Mask, whole: Mask, settings: FitSettings
     left_out = forces.left_out | single | whole[:, None]
     if np.array_equal(left_out, forces.left_out):
         return forces
-    return forces.bridged(left_out & ~forces.left_out).leaving_out(left_out)
+    return replace(forces.bridged(left_out & ~forces.left_out), left_out=left_out)
 
 
 def without_readings(segment: Segment, alone: Sequence[Mask]) -> Segment:

@@ -40,8 +40,7 @@ def force_samples_of(
     )
     sigma = force_sigma(experiment, run, samples)[0]
     read = {quantity: own[inside] for quantity, own in values.items()}
-    forces = forces_of(experiment, name, time[inside], read, sigma)
-    return forces if run.static else forces.with_changes()
+    return forces_of(experiment, name, time[inside], read, sigma)
 
 
 def forces_of(

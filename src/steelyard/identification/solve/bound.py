@@ -141,5 +141,13 @@ def _all_rows(
     )
     yield from motion_residuals(experiment, segment, calibration, column_of, {}, None, carried)
     yield from force_residuals(
-        experiment, segment, force_samples, calibration, column_of, parameters, {}, None
+        experiment,
+        segment,
+        force_samples,
+        calibration,
+        column_of,
+        parameters,
+        {},
+        None,
+        wide=True,
     )

@@ -258,7 +258,7 @@ def _weights(parts: Sequence[SegmentEquations], held_out: frozenset[str]) -> dic
     for part in parts:
         if part.segment.run in held_out:
             continue
-        inside = np.concatenate([part.segment.holds(each.time) for each in part.balances])
+        inside = np.concatenate([each.told for each in part.balances])
         named = part.force_samples.left_out.any(axis=1) | ~inside
         found.setdefault(part.segment.run, []).append(np.where(named, 1.0, part.weight))
     return {run: np.concatenate(each) for run, each in found.items()}

@@ -181,7 +181,9 @@ def linearise(
         )
         if not held:
             # In one sum: matrices of a long motion take more memory than anything else.
-            found.append(Linearised(segment.equations(border, chain(rows, balanced())), None))
+            found.append(
+                Linearised(segment.equations(border, chain(rows, balanced(wide=True))), None)
+            )
             continue
         by_motion = segment.equations(border, rows)
         alone = segment.smooth(by_motion)

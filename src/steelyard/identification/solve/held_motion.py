@@ -244,7 +244,7 @@ def _followed(task: Task, state: FitState, step: NewtonStep, tally: Tally) -> Ta
             at = balance_of(
                 task.experiment, segment, part, moved.calibration, moved.parameters, moved.factors
             )
-            weight = segment.holds(at.time) * robust_weight(at.size, 6)
+            weight = at.told * robust_weight(at.size, 6)
             tally_forces(found, segment, part, at, weight, at.size)
     return Tally(
         {**tally.square, **found.square},

@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from steelyard.errors import InfeasibleError
 from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.smoothness import smoothness
 from steelyard.identification.model.sources import Source
@@ -38,6 +39,18 @@ class _Accepted(NamedTuple):
     equations: tuple[NormalEquations, ...]
     step: NewtonStep
     cost: float
+
+
+class _Way(NamedTuple):
+    """A step that is taken."""
+
+    origin: FitState
+    step: NewtonStep
+    share: float
+
+    def end(self, task: Task) -> FitState:
+        """Where it leads."""
+        return self.step.along(task, self.origin, self.share)
 
 
 class _Evaluated(NamedTuple):
@@ -67,6 +80,7 @@ def fit(
         levels: Whether noise that is not stated is found on the way; else it stays as it is.
 
     Raises:
+        InfeasibleError: Cables cannot be where it begins.
         numpy.linalg.LinAlgError: The motion is not determined.
     """
     settings = task.settings
@@ -77,23 +91,32 @@ def fit(
     ratios: dict[Source, float] = {}
     unstated = UnstatedNoise.of(task, state)
     many = sum(segment.coefficients.size for segment in state.segments)
-    turn, origin = 0, state
+    turn, origin, way = 0, state, None
     for turn in range(settings.iterations_beginning if beginning else settings.iterations):
-        parts, tally = linearise(task, state)
+        try:
+            parts, tally = linearise(task, state)
+        except InfeasibleError:
+            # Cables cannot be where the step leads.
+            if way is None:
+                raise
+            way = way._replace(share=settings.shorter * way.share)
+            state = way.end(task) if way.share > settings.least_share else way.origin
+            continue
         readings = [each.all for each in parts]
         cost = tally.cost + prior_cost(task, state)
         if accepted is not None and not cost < accepted.cost + _rise(accepted, settings):
             if uphill < settings.uphill:
                 uphill += 1
-                onwards = step_of(task, state, smooth(state, readings), reach=reach)
-                state = onwards.along(task, state, 1.0)
+                way = _Way(state, step_of(task, state, smooth(state, readings), reach=reach), 1.0)
+                state = way.end(task)
                 continue
             uphill, shortened = 0, True
             if share < settings.least_share:
                 break
             # The direction descends, if not as far as it seemed.
             accepted, reach, share = _shorter(task, accepted, share)
-            state = accepted.step.along(task, accepted.state, share)
+            way = _Way(accepted.state, accepted.step, share)
+            state = way.end(task)
             continue
         if accepted is not None and not shortened:
             reach = _reach_after(accepted, cost, reach, settings)
@@ -136,10 +159,11 @@ def fit(
         share = _pace(last.step, step, share, settings) if last and alike else 1.0
         reach = np.inf if held is step else reach
         origin = replace(state, factors=factors)
-        state = held.along(task, origin, share)
+        way = _Way(origin, held, share)
+        state = way.end(task)
         tell(min(0.95, turn / 8))
     if not converged:
-        state, equations, tally, _ = _lower(_about(task, state), _about(task, origin), settings)
+        state, equations, tally, _ = _lower(task, state, origin)
         step = step_of(task, state, equations)
     ratios = ratios or ratios_of(task, spent_by(equations), tally)
     return Fit(
@@ -184,11 +208,16 @@ def _about(task: Task, state: FitState) -> _Evaluated:
     return _Evaluated(state, equations, tally, tally.cost + prior_cost(task, state))
 
 
-def _lower(last: _Evaluated, origin: _Evaluated, settings: FitSettings) -> _Evaluated:
+def _lower(task: Task, last: FitState, origin: FitState) -> _Evaluated:
     """Where a fit ends that has not arrived: nobody has looked at where its last step leads, and
-    that may be far uphill of where the step set out from.
+    that may be far uphill of where the step set out from, or where no cables can be.
     """
-    return last if last.cost < origin.cost * (1 + settings.same_cost) else origin
+    begun = _about(task, origin)
+    try:
+        ended = _about(task, last)
+    except InfeasibleError:
+        return begun
+    return ended if ended.cost < begun.cost * (1 + task.settings.same_cost) else begun
 
 
 def _rise(accepted: _Accepted, settings: FitSettings) -> float:

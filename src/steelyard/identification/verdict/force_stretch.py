@@ -130,7 +130,7 @@ def _stretch(
     at = balance_of(
         found.experiment, segment, part, state.calibration, state.parameters, state.factors
     )
-    use = segment.holds(at.time) & ~part.touched
+    use = at.told & ~part.touched
     if np.sum(use) < fewest:
         return None
     end = min(end, float(at.time[-1]))

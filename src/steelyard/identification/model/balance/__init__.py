@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from steelyard.identification.model.balance.amplifier_filter import (
-    ReadingChanges as ReadingChanges,
-)
-from steelyard.identification.model.balance.amplifier_filter import uncorrected as uncorrected
 from steelyard.identification.model.balance.balance import Balance as Balance
-from steelyard.identification.model.balance.balance import MeasuredForce as MeasuredForce
 from steelyard.identification.model.balance.balance import balance_at as balance_at
 from steelyard.identification.model.balance.balance import balance_of as balance_of
 from steelyard.identification.model.balance.balance import (
@@ -16,13 +11,14 @@ from steelyard.identification.model.balance.balance import (
 from steelyard.identification.model.balance.balance import (
     unmodelled_processes as unmodelled_processes,
 )
+from steelyard.identification.model.balance.behind_filter import forgotten as forgotten
 from steelyard.identification.model.balance.force_readings import UNMODELLED as UNMODELLED
 from steelyard.identification.model.balance.force_readings import (
     UNMODELLED_PARTS as UNMODELLED_PARTS,
 )
 from steelyard.identification.model.balance.force_readings import Forces as Forces
 from steelyard.identification.model.balance.force_readings import undisturbed as undisturbed
-from steelyard.identification.model.balance.force_readings import unfiltered as unfiltered
+from steelyard.identification.model.balance.measured_force import MeasuredForce as MeasuredForce
 from steelyard.identification.model.balance.moving_body import MovingAt as MovingAt
 from steelyard.identification.model.balance.moving_body import balance_times as balance_times
 from steelyard.identification.model.balance.moving_body import moving_at as moving_at

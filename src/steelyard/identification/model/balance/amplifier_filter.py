@@ -1,161 +1,165 @@
-"""What the first-order filter of a force amplifier smooths: of slow changes put right in the readings, of
-fast ones let stand, and done to the motion.
+"""The balance behind the first-order filter of a force amplifier.
 
-Of a reading the filter leaves ``1 / (1 + s T)``. Its delay is in the time at which the balance looks at
-the motion (:func:`.balance_times`); what it adds beside is ``(s T)^2 / 2 - (s T)^3 / 3`` of the
-readings, since ``exp(-s T) (1 + s T) = 1 - (s T)^2 / 2 + (s T)^3 / 3 - ...``.
+Readings y are ``y + T dy/dt = f`` of the forces f before the filter, and these balance what moves the
+body: ``M f = w``, with M by which readings pull at the platform as it stands then. Let F be the filter,
+``F[x] = integral of exp(-u) x(t - u T) du``. Both sides of ``M (y + T dy/dt) = w`` through F are
 
-- What changes slowly is seen in the readings far above their noise, and that is taken off them: cables
-  turn as the platform moves, and a tension belongs to where it pulled.
-- What is faster (tight cables ring with 10 to 30 Hz) stands in the readings as the filter leaves it:
-  attenuated, and less late than T. To undo that would be to blow up their noise. The accelerations of
-  the motion that balance them are filtered instead, and corrected in the same way as the readings, so
-  that nothing counts twice
-  (:class:`~steelyard.identification.model.balance.filtered_motion.FilteredMotion`).
+    M y - T F[dM/dt y] - F[w] = 0,
 
-Corrected readings are taken as noisy as they are: else no filter at all would fit best where it
-explains little. That the noise of the derivative by the time constant meets that of the readings is
-taken off.
+since ``F[x + T dx/dt] = x`` for ``x = M y``. Nothing is approximated: not how fast a platform rings, not
+how far it turns within T. No reading is differentiated, so that their noise stays what it is: dM/dt is
+slow, and of its product with the noise the filter leaves nothing that matters.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.linalg import solve_banded
 
 from steelyard.arrays import Array
-from steelyard.identification.model.balance.slopes import AROUND, means_of, slopes
 
-_TURNS = 50
-"""Of what was added to a series, each a fifth of the one before with 50 ms."""
-_SAME = 1e-6
-"""Part of the largest by which the last may differ."""
+MEMORY = 8.0
+"""How far back a filter is looked through, in its time constant: of what was before a three-thousandth
+is left."""
 
 
 @dataclass(frozen=True, eq=False)
-class ReadingChanges:
-    """How fast readings change, to the third order, as far as that is slow."""
+class Panels:
+    """Instants between readings, by which what a filter leaves of something smooth is integrated (Gauss
+    and Legendre's quadrature).
+    """
 
-    step: float
-    """Between the samples by which they are seen [s]."""
-    seen: Callable[[], Array]
-    """Makes the values; most recordings have no filter, and never ask for them."""
+    nodes: Array
+    """Ascending [s], shape (n, p); of the first reading at which there is nothing before, all the same."""
+    weights: Array
+    """Of the values there in the filter's at each reading, shape (n, p)."""
+    later: Array
+    """The same, times how long before the reading they are in the time constant: what the filter leaves
+    of what it has left, shape (n, p)."""
+    kept: Array
+    """Part of the filter's value at the reading before, shape (n,)."""
+    passed: Array
+    """How long that is ago, in the time constant; none where nothing is kept; shape (n,)."""
 
     @classmethod
-    def of(cls, time: Array, readings: Array) -> ReadingChanges:
-        """Of readings.
+    def of(cls, times: Array, constant: float, smooth: float) -> Panels:
+        """Between readings.
 
         Args:
-            time: Ascending [s], shape (n,).
-            readings: Shape (n, r).
+            times: Ascending [s], shape (n,).
+            constant: Time constant T of the filter [s].
+            smooth: Time over which what is filtered is a polynomial [s].
         """
-        step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-        return cls(step, partial(_seen, time, readings))
+        since = np.diff(times, prepend=times[:1])
+        length = np.minimum(since, MEMORY * constant)
+        longest = float(length.max(initial=0.0))
+        count = 3 + int(np.ceil(longest / smooth + longest / (2 * constant)))
+        points, shares = np.polynomial.legendre.leggauss(count)
+        ago = (length[:, None] / 2) * (1 - points)
+        weights = (length[:, None] / 2) * shares * np.exp(-ago / constant) / constant
+        later = weights * ago / constant
+        beyond = since > length
+        kept = np.where(beyond, 0.0, np.exp(-since / constant))
+        passed = np.where(beyond, 0.0, since / constant)
+        # What does not change is left as it is, to the last bit.
+        for own, exact in ((weights, 1 - kept), (later, 1 - (1 + passed) * kept)):
+            whole = own.sum(axis=1)
+            own *= (exact / np.where(whole > 0, whole, 1.0))[:, None]
+        return cls(times[:, None] - ago, weights, later, kept, passed)
 
-    @cached_property
-    def values(self) -> Array:
-        """Second and third derivatives [N/s^2], [N/s^3] and of torques, shape (2, n, r)."""
-        return self.seen()
+    def filtered(self, values: Array, first: Array) -> tuple[Array, Array]:
+        """What the filter leaves at the readings, and what it leaves of that, shape (n, k) each.
 
-    def at(self, own: slice | NDArray[np.bool_]) -> ReadingChanges:
-        """At some of the samples."""
-        return replace(self, seen=partial(_at, self, own))
-
-    def means(self, many: int) -> ReadingChanges:
-        """With means over so many samples in place of each."""
-        return replace(self, seen=partial(_means, self, many))
-
-    def added(self, constant: float) -> Array:
-        """What a filter of this time constant T [s] adds to slow readings beside its delay, shape (n,
-        r).
+        Args:
+            values: At the nodes, shape (n, p, k).
+            first: Of the filter at the first reading, and of the filter of that, shape (2, k).
         """
-        second, third = self.values
-        return np.asarray(constant**2 / 2 * second - constant**3 / 3 * third)
+        added = np.einsum("np,npk->nk", self.weights, values)
+        later = np.einsum("np,npk->nk", self.later, values)
+        return self._gone_on(added, later, first)
 
-    def added_by_constant(self, constant: float) -> Array:
-        """The derivative of :meth:`added` by the time constant, shape (n, r)."""
-        second, third = self.values
-        return np.asarray(constant * second - constant**2 * third)
+    def filtered_changes(self, rates: Array, first: Array) -> tuple[Array, Array]:
+        """The same of what is constant between readings, shape (n, k) each.
 
-    def louder(self, constant: float) -> float:
-        """Noise of readings without what a filter of this time constant T [s] adds, in their own.
-
-        What is fitted best would be no filter at all, if corrected readings were not taken as noisy as
-        they are.
+        Args:
+            rates: Before each reading, shape (n, k).
+            first: See :meth:`filtered`.
         """
-        return float(np.sqrt(np.sum(self._corrected(constant) ** 2)))
+        kept, passed = self.kept[:, None], self.passed[:, None]
+        added, later = rates * (1 - kept), rates * (1 - (1 + passed) * kept)
+        return self._gone_on(added, later, first)
 
-    def louder_by_constant(self, constant: float) -> float:
-        """The relative derivative of :meth:`louder` by the time constant [1/s]: by so much of themselves
-        residuals would seem to change with it.
-        """
-        if self.step <= 0:
-            return 0.0
-        whole = self._corrected(constant)
-        second, third = _kernels(self.step)
-        change = constant**2 * third - constant * second
-        return float(change @ whole / (whole @ whole))
-
-    def _corrected(self, constant: float) -> Array:
-        """What is made of a single reading of one among many of nothing, shape (n,)."""
-        if self.step <= 0:
-            return np.ones(1)
-        second, third = _kernels(self.step)
-        whole = np.asarray(constant**3 / 3 * third - constant**2 / 2 * second)
-        whole[len(whole) // 2] += 1.0
-        return whole
+    def _gone_on(self, added: Array, later: Array, first: Array) -> tuple[Array, Array]:
+        """From reading to reading."""
+        once = _recursion(self.kept, added, first[0])
+        later = later.copy()
+        later[1:] += (self.kept * self.passed)[1:, None] * once[:-1]
+        return once, _recursion(self.kept, later, first[1])
 
 
-def uncorrected(time: Array, corrected: Array, constant: float) -> Array:
-    """What a series was before what a filter adds to slow readings was taken off it, shape (n, k); as it
-    is where that cannot be told, beyond a tenth of a second.
+def changes_of_wrench(times: Array, wrench: Array, by_reading: Array, readings: Array) -> Array:
+    """How fast the wrench of readings changes because the platform moves and not because they do
+    [N/s], [N m/s], between each reading and the one before, shape (n, 6); dM/dt y. The noise of the
+    readings is not differentiated: it meets changes of M only.
 
     Args:
-        time: Ascending [s], shape (n,).
-        corrected: Shape (n, k).
-        constant: Time constant T of the filter [s].
+        times: Ascending [s], shape (n,).
+        wrench: Of the readings, shape (n, 6).
+        by_reading: M, how it follows them, shape (n, 6, r).
+        readings: Shape (n, r).
     """
-    found, before = corrected, np.inf
-    for _ in range(_TURNS):
-        again = corrected + ReadingChanges.of(time, found).added(constant)
-        moved = float(np.max(np.abs(again - found), initial=0.0))
-        if moved > before:
-            return corrected
-        if moved <= _SAME * float(np.max(np.abs(corrected), initial=0.0)):
-            return again
-        found, before = again, moved
+    found = np.zeros_like(wrench)
+    if len(times) < 2:
+        return found
+    between = (by_reading[1:] + by_reading[:-1]) / 2
+    turned = np.diff(wrench, axis=0) - np.einsum("nkr,nr->nk", between, np.diff(readings, axis=0))
+    step = np.diff(times)[:, None]
+    found[1:] = np.where(step > 0, turned / np.where(step > 0, step, 1.0), 0.0)
+    found[0] = found[1]
     return found
 
 
-@lru_cache(maxsize=8)
-def _kernels(step: float) -> Array:
-    """Second and third derivatives of a single reading of one among many of nothing, shape (2, n).
+def times_before(times: Array, start: float, constant: float) -> Array:
+    """Times before the first of some, as far as a filter remembers and a motion is known, ascending [s],
+    shape (b,).
 
     Args:
-        step: Between readings [s].
+        times: Ascending [s], shape (n,).
+        start: Of the motion [s].
+        constant: Time constant of the filter [s].
     """
-    reach = 2 * int(2 * AROUND / step) + 4
-    single = np.zeros((2 * reach + 1, 1))
-    single[reach] = 1.0
-    time = np.asarray(step * np.arange(len(single)), dtype=np.float64)
-    return _seen(time, single)[..., 0]
+    usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    step = float(np.clip(usual, constant / 4, 2 * constant))
+    count = int(np.ceil(MEMORY * constant / step))
+    before = times[0] - step * np.arange(count, 0, -1)
+    known = np.asarray(before[before >= start])
+    if len(known) < count and times[0] > start:
+        return np.concatenate([[start], known[known > start]])
+    return known
 
 
-def _seen(time: Array, readings: Array) -> Array:
-    """See :attr:`ReadingChanges.values`; functions by themselves, which other processes may be sent."""
-    second = slopes(time, slopes(time, readings))
-    return np.stack([second, slopes(time, second)])
+def beginning(times: Array, values: Array, constant: float) -> Array:
+    """What a filter has left of something when it is first looked at, and what of that, if it has always
+    changed as it does there: ``x - T x'`` and ``x - 2 T x'``, shape (2, k).
+
+    Args:
+        times: Ascending [s], shape (n,).
+        values: Shape (n, k).
+        constant: Time constant T of the filter [s].
+    """
+    first = values[0]
+    if len(times) < 2 or times[1] <= times[0]:
+        return np.stack([first, first])
+    behind = constant * (values[1] - first) / (times[1] - times[0])
+    return np.stack([first - behind, first - 2 * behind])
 
 
-def _at(whole: ReadingChanges, own: slice | NDArray[np.bool_]) -> Array:
-    """The values at some of the samples."""
-    return whole.values[:, own]
-
-
-def _means(whole: ReadingChanges, many: int) -> Array:
-    """The values as means over so many samples."""
-    return np.stack([means_of(each, many) for each in whole.values])
+def _recursion(kept: Array, added: Array, first: Array) -> Array:
+    """``x[i] = kept[i] x[i - 1] + added[i]`` from the first one on, shape (n, k)."""
+    right = added.copy()
+    right[0] = first
+    bands = np.ones((2, len(kept)))
+    bands[1, :-1] = -kept[1:]
+    return np.asarray(solve_banded((1, 0), bands, right, overwrite_b=True, check_finite=False))

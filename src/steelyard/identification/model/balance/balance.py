@@ -11,26 +11,25 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.balance.equations import motion_and_wrench, structure_matrices
+from steelyard.identification.model.balance.behind_filter import BehindFilter
+from steelyard.identification.model.balance.equations import motion_and_wrench
 from steelyard.identification.model.balance.force_readings import (
     UNMODELLED_PARTS,
     Forces,
     undisturbed,
-    unfiltered,
 )
+from steelyard.identification.model.balance.measured_force import MeasuredForce, measured_force
 from steelyard.identification.model.balance.moving_body import (
     MovingAt,
     moving_at,
-    time_constant,
 )
-from steelyard.identification.model.balance.noise import BalanceNoise, UnmodelledWrench
+from steelyard.identification.model.balance.noise import BalanceNoise
 from steelyard.identification.model.balance.rollers import remembered
 from steelyard.identification.model.balance.slopes import smoothed
 from steelyard.identification.model.calibration_parameters import (
@@ -39,69 +38,11 @@ from steelyard.identification.model.calibration_parameters import (
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Basis
 from steelyard.identification.model.sources import Source
-from steelyard.instruments.equations import follows_readings, solve_for
 from steelyard.instruments.tension import Rolled
 from steelyard.robot.model import DIRECTIONS
 
 _LOUD = 1.3
 """Factor of the noise of readings from which on they are louder than it is stated, or seen in them."""
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredForce:
-    """What the readings say carries the platform: tensions, or the wrench itself, k numbers."""
-
-    values: Array
-    """Tensions [N], shape (n, m), or the wrench [N], [N m], shape (n, 6)."""
-    by_reading: Array
-    """How these follow the readings, shape (n, k, r) or, alike everywhere, (1, k, r)."""
-    structure: Array | None
-    """Structure matrices of the cables, shape (n, 6, m); None: the wrench itself is read."""
-
-    @property
-    def quantity(self) -> Literal["tension", "wrench"]:
-        """What it is."""
-        return "wrench" if self.structure is None else "tension"
-
-    @cached_property
-    def wrench(self) -> Array:
-        """On the platform [N], [N m], shape (n, 6)."""
-        return self.as_wrench(self.values)
-
-    @cached_property
-    def wrench_by_reading(self) -> Array:
-        """How that follows the readings, shape (n, 6, r)."""
-        return self.changes_of_wrench(self.by_reading)
-
-    @cached_property
-    def unmodelled(self) -> UnmodelledWrench:
-        """How an unmodelled wrench shows in it."""
-        n = len(self.values)
-        structure = self.structure
-        if structure is None:
-            structure = np.broadcast_to(np.eye(DIRECTIONS), (n, DIRECTIONS, DIRECTIONS))
-        by_reading = np.broadcast_to(self.by_reading, (n, *self.by_reading.shape[1:]))
-        return UnmodelledWrench.of(structure, by_reading)
-
-    def as_wrench(self, values: Array) -> Array:
-        """Wrench on the platform of tensions or of a wrench, shape (n, 6).
-
-        Args:
-            values: Shape (n, k).
-        """
-        if self.structure is None:
-            return values
-        return np.asarray(np.einsum("nkm,nm->nk", self.structure, values))
-
-    def changes_of_wrench(self, changes: Array) -> Array:
-        """Changes of the wrench on the platform by changes of tensions or of a wrench, shape (n, 6,
-        c).
-
-        Args:
-            changes: Shape (n, k, c) or (1, k, c).
-        """
-        found = changes if self.structure is None else self.structure @ changes
-        return np.broadcast_to(found, (len(self.values), DIRECTIONS, changes.shape[2]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,12 +68,19 @@ class Balance:
     """Unmodelled wrench of the processes of the segment [N], [N m], shape (n, 6)."""
     coloured: Array
     """What processes add to the readings, shape (n, r)."""
+    told: NDArray[np.bool_]
+    """Samples of which the motion is known, as far back as a filter remembers, shape (n,)."""
     unread: NDArray[np.bool_] | None = None
     """Readings of cables without a sensor, shape (r,); None: there are none."""
     loud: bool = False
     """Whether readings along a motion scatter more than is stated or seen in them."""
     rolled: Rolled | None = None
     """What the rollers of the cables remember; None: forces are read before them."""
+    behind: BehindFilter | None = None
+    """What is left over behind the filter of the forces; None: there is none."""
+    off: Array | None = None
+    """What the filter changes of what is left over beside its delay [N], [N m], shape (n, 6); None:
+    there is none."""
 
     @property
     def by_wrench(self) -> Array:
@@ -294,19 +242,23 @@ def balance_at(
         calibration: Present values of the systematic errors.
         factors: Quantity -> by how much its noise exceeds what the readings say.
     """
-    times, local, inputs, _ = moving
+    times, local, inputs, parameters, constant = moving
     motion = motion_and_wrench(experiment.robot, *calibration.pulling)(**inputs)
     needed = motion.pop("wrench")
     rolled = remembered(experiment, segment, force_samples, calibration, motion)
     if rolled is not None:
         motion["rolling"] = rolled.value
     coloured = disturbance_of_forces(segment, force_samples, local)
-    told = unfiltered(
-        undisturbed(force_samples, coloured),
-        time_constant(experiment, segment, force_samples, calibration),
-    )
-    measured = _measured(experiment, segment, told, calibration, motion)
+    told = undisturbed(force_samples, coloured)
+    measured = measured_force(experiment, segment, told, calibration, motion)
     left_over = measured.wrench - needed
+    behind, off = None, None
+    if constant:
+        behind = BehindFilter.of(
+            experiment, segment, told, calibration, parameters, times, abs(constant)
+        )
+        off = np.copysign(1.0, constant) * (behind.left_over - left_over)
+        left_over = left_over + off
     disturbance = unmodelled_processes(segment, local, motion["rotation"])
     if disturbance.any():
         left_over -= np.einsum("nij,nj->ni", measured.unmodelled.wrench, disturbance)
@@ -328,6 +280,7 @@ def balance_at(
         noise,
         disturbance,
         coloured,
+        segment.holds(times) if behind is None else segment.holds(times) & behind.told,
         force_samples.unread,
         not segment.static
         and any(
@@ -335,29 +288,9 @@ def balance_at(
             for q in force_samples.readings
         ),
         rolled,
+        behind,
+        off,
     )
-
-
-def _measured(
-    experiment: Experiment,
-    segment: Segment,
-    force_samples: Forces,
-    calibration: CalibrationValues,
-    motion: Mapping[str, Array],
-) -> MeasuredForce:
-    """What the readings say carries the platform."""
-    robot, instrument = experiment.robot, experiment.instruments[force_samples.name]
-    readings, position, rotation = force_samples.readings, motion["position"], motion["rotation"]
-    errors = calibration.of(force_samples.name, instrument, segment.run)
-    unknown = instrument.measured_force
-    assert unknown is not None  # it is the force instrument of a run
-    values = solve_for(unknown, instrument, robot, readings, motion, errors)
-    structure = None
-    if unknown == "tension":
-        structure = structure_matrices(robot, calibration, position, rotation, values)
-    state = {**motion, unknown: values}
-    by_reading = follows_readings(unknown, instrument, robot, tuple(readings), state, errors)
-    return MeasuredForce(values, by_reading, structure)
 
 
 def disturbance_of_forces(segment: Segment, force_samples: Forces, local: Basis) -> Array:

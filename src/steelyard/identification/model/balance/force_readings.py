@@ -1,4 +1,4 @@
-"""Readings of the force instrument within a segment, and what their amplifier and processes add to them."""
+"""Readings of the force instrument within a segment, and what processes add to them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.identification.model.balance.amplifier_filter import ReadingChanges
 from steelyard.identification.model.balance.slopes import means_of
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
@@ -59,9 +58,9 @@ class Forces:
     unread: NDArray[np.bool_] | None = None
     """Readings of cables without a sensor, whose values are a guess, shape (r,); None: there are
     none."""
-    changes: ReadingChanges | None = None
-    """How fast the readings change, which says what a filter has smoothed; None: not looked at, as of
-    poses at rest."""
+    smoothed: bool = True
+    """Whether what a filter smooths is looked at; else its delay alone, where the motion before is not
+    known."""
     before: RollerState | None = None
     """What rollers remember of the samples before the first one; None: the run begins."""
 
@@ -100,7 +99,6 @@ class Forces:
             readings={quantity: values[own] for quantity, values in self.readings.items()},
             left_out=self.left_out[own],
             late=None if self.late is None else self.late[own],
-            changes=None if self.changes is None else self.changes.at(own),
         )
 
     def means(self, many: int) -> Forces:
@@ -125,7 +123,6 @@ class Forces:
             },
             left_out=left_out,
             late=None if self.late is None else means_of(self.late, many),
-            changes=None if self.changes is None else self.changes.means(many),
         )
 
     def bridged(self, alone: NDArray[np.bool_]) -> Forces:
@@ -144,22 +141,6 @@ class Forces:
                     column[lost] = np.interp(self.time[lost], self.time[~out], column[~out])
             readings[quantity] = values
         return replace(self, readings=readings)
-
-    def with_changes(self) -> Forces:
-        """With the derivatives of the readings, those that are left out bridged."""
-        whole = np.hstack(list(self.bridged(self.left_out).readings.values()))
-        return replace(self, changes=ReadingChanges.of(self.time, whole))
-
-    def leaving_out(self, left_out: NDArray[np.bool_]) -> Forces:
-        """With other readings left out.
-
-        Args:
-            left_out: Which, shape (n, r).
-        """
-        found = replace(self, left_out=left_out)
-        if self.changes is None or np.array_equal(left_out, self.left_out):
-            return found
-        return found.with_changes()
 
     def sigmas(self, segment: Segment, factors: Mapping[Source, float]) -> Array:
         """1-sigma of every reading, shape (n, r)."""
@@ -198,22 +179,3 @@ def undisturbed(force_samples: Forces, added: Array) -> Forces:
         for quantity, values in force_samples.readings.items()
     }
     return replace(force_samples, readings=readings)
-
-
-def unfiltered(force_samples: Forces, constant: float) -> Forces:
-    """Force readings as they would be if their filter made them late and nothing else, with the noise
-    that they have then.
-
-    Args:
-        force_samples: Force readings.
-        constant: Time constant T of the filter [s].
-    """
-    if force_samples.changes is None or constant == 0.0:
-        return force_samples
-    smoothed = force_samples.changes.added(constant)
-    readings = {
-        quantity: values - smoothed[:, force_samples.places[quantity]]
-        for quantity, values in force_samples.readings.items()
-    }
-    sigma = force_samples.changes.louder(constant) * force_samples.sigma
-    return replace(force_samples, readings=readings, sigma=sigma)

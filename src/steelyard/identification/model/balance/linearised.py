@@ -22,8 +22,8 @@ from steelyard.identification.model.balance import (
     moving_at,
     unmodelled_processes,
 )
+from steelyard.identification.model.balance.behind_filter import functions_behind
 from steelyard.identification.model.balance.equations import derivatives_of_balance
-from steelyard.identification.model.balance.filtered_motion import FilteredMotion
 from steelyard.identification.model.calibration_parameters import (
     AIR,
     ATTACHED,
@@ -46,6 +46,7 @@ from steelyard.identification.model.segment import (
     POSE,
     Basis,
     motion_at,
+    spread,
 )
 from steelyard.identification.model.sources import Source
 from steelyard.inertia import TEN
@@ -73,8 +74,8 @@ class BalancePoint:
     """Spline functions at its times."""
     motion: tuple[Array, Array, Array, Array]
     """Pose and its first three time derivatives, shape (n, 7) each."""
-    filtered: FilteredMotion | None
-    """What a filter of the forces makes of the accelerations; None: nothing."""
+    constant: float
+    """See :class:`.MovingAt`."""
     derivatives: Mapping[str, Array]
     """See :func:`.derivatives_of_balance`; those by what has no column may not be there."""
     column_of: NDArray[np.intp] | None = None
@@ -85,11 +86,6 @@ class BalancePoint:
     def instrument(self) -> Instrument:
         """Of the forces."""
         return self.experiment.instruments[self.force_samples.name]
-
-    @property
-    def local_of_balance(self) -> Basis:
-        """Spline functions by which the balance follows the motion."""
-        return self.local if self.filtered is None else self.filtered.local
 
     def asks(self, place: slice) -> bool:
         """Whether the border has any of some systematic errors."""
@@ -165,6 +161,25 @@ class BalancePoint:
         for each, place, own in self.of_readings():
             found[:, :, place] = -self.at.by_reading[:, :, own] * each.sizes
         return found
+
+    def by_coefficients(
+        self, by: tuple[Array, Array, Array], *, wide: bool
+    ) -> tuple[NDArray[np.intp], Array]:
+        """First function of each row, shape (n,), and derivatives of the balance by the coefficients of
+        these functions, shape (n, 6, w).
+
+        Args:
+            by: See :meth:`by_motion`.
+            wide: Whether a row may have more than six functions.
+        """
+        by_state, block = self.by_state(by[0]), self.segment.block
+        if self.constant <= 0:
+            return self.local.first, spread(self.local, by_state, *by[1:], block=block)
+        behind, plain = functions_behind(self.segment, self.at.time, self.constant, wide=wide)
+        by_processes = by_state.copy()
+        by_processes[:, :, :POSE] = 0.0
+        found = spread(behind, by[0], *by[1:], block=block)
+        return behind.first, found + spread(plain, by_processes, block=block)
 
     def of_readings(self) -> Iterator[tuple[Process, slice, slice]]:
         """Processes that are added to the readings, where their coefficients stand, and which readings
@@ -309,47 +324,43 @@ class BalancePoint:
         segment = self.segment
         if segment.static:
             return
-        by_delay = -rate_along(by, self.motion)
-        changes = unmodelled_processes(segment, self.local, self.at.motion["rotation"], 1)
-        if changes.any():
-            by_delay += np.einsum("nij,nj->ni", self.at.measured.unmodelled.wrench, changes)
-        for each, _, own in self.of_readings():
-            rate = segment.disturbance(each, self.local, 1)
-            by_delay += np.einsum("nij,nj->ni", self.at.by_reading[:, :, own], rate)
-        by_delay = by_delay[:, :, None]
-        by_filter, later = by_delay + self._by_smoothing(), by_delay
-        if self.filtered is not None:
-            by_filter = by_filter + by[2] @ self.filtered.by_constant[:, :, None]
-            later = later - by[2] @ self.filtered.by_time[:, :, None]
+        by_delay, by_filter = (each + self._by_processes_of_earlier() for each in self._by_time(by))
+        later = by_delay[:, :, None]
         for place, sign in self.delays():
             yield place, sign * later
         if (of_filter := self.place_of_filter()) is not None:
-            yield of_filter, by_filter
+            yield of_filter, by_filter[:, :, None]
         parameters = self.calibration.calibration_parameters
         drag = parameters.places[ROBOT, DRAG, None]
         if self.asks(drag):
             yield drag, self.derivatives["by_drag"][:, :, None]
 
-    def readings_by_filter(self) -> Array:
-        """Derivative of the corrected readings by the time constant of a filter, as far as it is no
-        delay, shape (n, r).
+    def _by_time(self, by: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        """Derivatives of the balance by a delay and by the time constant of a filter, without those
+        through processes, shape (n, 6) each.
         """
-        changes = self.force_samples.changes
-        if changes is None or self.filtered is None:
-            return np.zeros(self.force_samples.left_out.shape)
-        return -changes.added_by_constant(self.filtered.constant)
+        behind = self.at.behind
+        if behind is not None and self.constant > 0:
+            return behind.by_delay, behind.by_constant
+        alone = -rate_along(by, self.motion)
+        if behind is None:
+            return alone, alone
+        return (
+            2 * alone - behind.by_delay,
+            2 * alone + behind.by_constant - 2 * behind.by_delay,
+        )
 
-    def _by_smoothing(self) -> Array:
-        """Derivative of the balance by the time constant of a filter as far as it is no delay, shape (n,
-        6, 1).
-        """
-        changes = self.force_samples.changes
-        found = self.at.by_reading @ self.readings_by_filter()[:, :, None]
-        if changes is None or self.filtered is None:
-            return found
-        # What is left over changes as its noise does, too: that says nothing.
-        louder = changes.louder_by_constant(self.filtered.constant) * self.at.left_over
-        return np.asarray(found - louder[:, :, None])
+    def _by_processes_of_earlier(self) -> Array:
+        """Derivative of the balance by a delay through the processes beside it, shape (n, 6)."""
+        segment = self.segment
+        found = np.zeros((len(self.at.time), DIRECTIONS))
+        changes = unmodelled_processes(segment, self.local, self.at.motion["rotation"], 1)
+        if changes.any():
+            found += np.einsum("nij,nj->ni", self.at.measured.unmodelled.wrench, changes)
+        for each, _, own in self.of_readings():
+            rate = segment.disturbance(each, self.local, 1)
+            found += np.einsum("nij,nj->ni", self.at.by_reading[:, :, own], rate)
+        return found
 
 
 def point_of(
@@ -372,6 +383,13 @@ def point_of(
     cables = (
         {} if at.structure is None else {"tension": at.calmed(at.carried), **calibration.geometry}
     )
+    derivatives = dict(
+        derivatives_of_balance(experiment.robot, *calibration.pulling, asked)(
+            **moving.inputs, **cables
+        )
+    )
+    if at.behind is not None and moving.constant > 0:
+        derivatives["by_parameters"] = -at.behind.regressor
     return BalancePoint(
         experiment,
         segment,
@@ -380,10 +398,8 @@ def point_of(
         at,
         moving.local,
         motion_at(moving.local, segment.coefficients),
-        moving.filtered,
-        derivatives_of_balance(experiment.robot, *calibration.pulling, asked)(
-            **moving.inputs, **cables
-        ),
+        moving.constant,
+        derivatives,
         column_of,
     )
 
@@ -414,7 +430,7 @@ def by_body_and_readings(
     motion = motion_at(local, segment.coefficients)
     by_body = {"by_parameters": regressor}
     point = BalancePoint(
-        experiment, segment, force_samples, calibration, at, local, motion, None, by_body, column_of
+        experiment, segment, force_samples, calibration, at, local, motion, 0.0, by_body, column_of
     )
     border = Border(column_of, len(at.time), DIRECTIONS)
     border.extend(np.arange(TEN), point.by_body(parameters))

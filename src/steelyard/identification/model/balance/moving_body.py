@@ -10,7 +10,6 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_regressor
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance.equations import motion_and_wrench
-from steelyard.identification.model.balance.filtered_motion import FilteredMotion
 from steelyard.identification.model.balance.force_readings import Forces
 from steelyard.identification.model.calibration_parameters import (
     AIR,
@@ -33,9 +32,13 @@ class MovingAt(NamedTuple):
     """Spline functions there."""
     inputs: dict[str, Array | float]
     """See :func:`moving_body`."""
-    filtered: FilteredMotion | None
-    """What a filter of the forces makes of the accelerations, which stand in the inputs so; None:
-    nothing."""
+    parameters: Array
+    """The ten of the first load, shape (10,)."""
+    constant: float
+    """Time constant of the filter of the forces [s]; 0: there is none. Below zero, on the way of a fit,
+    forces are early by it and less smooth by what a filter of its size smooths: where late forces have
+    both a latency and a filter, what is left over is nearly linear in what is smoothed, and a fit that
+    may not go below nothing goes to and fro."""
 
 
 def moving_at(
@@ -49,12 +52,10 @@ def moving_at(
     times = balance_times(experiment, segment, force_samples, calibration)
     local = segment.basis(times)
     inputs = moving_body(segment, local, calibration, parameters)
-    constant = time_constant(experiment, segment, force_samples, calibration)
-    if segment.static or constant == 0.0 or force_samples.changes is None:
-        return MovingAt(times, local, inputs, None)
-    filtered = FilteredMotion.of(segment, times, force_samples.time, constant)
-    inputs["acceleration"] = inputs["acceleration"] + filtered.acceleration
-    return MovingAt(times, local, inputs, filtered)
+    constant = 0.0
+    if force_samples.smoothed and not segment.static:
+        constant = time_constant(experiment, segment, force_samples, calibration)
+    return MovingAt(times, local, inputs, parameters, constant)
 
 
 def time_constant(

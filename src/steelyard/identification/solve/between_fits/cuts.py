@@ -108,7 +108,7 @@ def cut_anew(readings: Readings, begun: Beginning, found: Fitted, tell: Tell) ->
     ]
     if all(np.array_equal(own.left_out, first.left_out) for own, first in pairs):
         return found
-    given_back = tuple(own.leaving_out(first.left_out) for own, first in pairs)
+    given_back = tuple(replace(own, left_out=first.left_out) for own, first in pairs)
     task = replace(found.task, force_samples=given_back)
     again = cut(readings, begun, task, found.fit.state, tell, {})
     return seen_with_tensions(again, 0.0) if again.fit.converged else found
@@ -132,7 +132,7 @@ def without_touched(fitted: Fitted, settings: FitSettings) -> tuple[Fitted, bool
         limits = _cutting(task, segment.run, settings)
         looked = look(at, own, own.sigmas(segment, state.factors), limits)
         contacts.setdefault(segment.run, []).extend(looked.contacts)
-        force_samples.append(forces.leaving_out(looked.force_samples.left_out))
+        force_samples.append(replace(forces, left_out=looked.force_samples.left_out))
     changed = any(
         bool(np.any(new.left_out != old.left_out))
         for new, old in zip(force_samples, fitted.force_samples, strict=True)

@@ -45,11 +45,13 @@ class BalanceCourse(NamedTuple):
     """Tension, or wrench, of the corrected readings, shape (n, m) or (n, 6)."""
     structure: Array | None
     """Shape (n, 6, m); None without cables."""
+    told: NDArray[np.bool_]
+    """Samples of which the motion is known, shape (n,)."""
 
     @classmethod
     def of(cls, at: Balance | BalanceCourse) -> BalanceCourse:
         """Of a balance, or of what is kept of one."""
-        return cls(at.time, at.motion, at.wrench, at.carried, at.structure)
+        return cls(at.time, at.motion, at.wrench, at.carried, at.structure, at.told)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +138,9 @@ def segment_equations(
     """
     of_forces, of_motion = Tally(), Tally()
     column_of = task.every_column
-    linearised = _RowsOfSegment(task, state, segment, forces, motion, looked_at, column_of)
+    linearised = _RowsOfSegment(
+        task, state, segment, forces, motion, looked_at, column_of, wide=motion is None
+    )
     balances = list[Balance]()
     weight = list[Array]()
 
@@ -212,6 +216,8 @@ class _RowsOfSegment:
     """Column of each calibration parameter; -1: there is none; shape (u,)."""
     narrow: bool = False
     """See :func:`.motion_residuals`."""
+    wide: bool = False
+    """See :func:`.whitened_balance`."""
     kept: dict[str, Sequence[Any]] = field(default_factory=dict)
     """What a segment of few samples has been asked for already."""
 
@@ -270,6 +276,7 @@ class _RowsOfSegment:
                     tally,
                     self.motion,
                     narrow=self.narrow,
+                    wide=self.wide,
                 )
 
         return self._once("forces", rows)

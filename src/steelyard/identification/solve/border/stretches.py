@@ -68,9 +68,9 @@ def by_stretches(
             for i in instants:
                 own = order[edges[i] : edges[i + 1]]
                 begin = (edges[i] - edges[instants[0]]) * each
-                motion = part.by_motion[own].reshape(-1, segment.width)
+                motion = part.by_motion[own].reshape(len(own) * each, -1)
                 start = i * segment.block
-                followed = equations.followed[start : start + segment.width]
+                followed = equations.followed[start : start + motion.shape[1]]
                 np.matmul(-motion, followed, out=E[begin : begin + len(own) * each])
             E[:, columns] += part.by_errors[samples].reshape(-1, len(columns))
             square = E.T @ E

@@ -94,7 +94,7 @@ def _of_forces(
     at = balance_of(
         task.experiment, segment, forces, state.calibration, state.parameters, state.factors
     )
-    use = segment.holds(at.time) & (np.sum(at.residual**2, axis=1) < limit(6) ** 2)
+    use = at.told & (np.sum(at.residual**2, axis=1) < limit(6) ** 2)
     if at.structure is not None:
         correction, decided = at.correction * use[:, None], at.noise.decided * use[:, None]
         for quantity, own in forces.places.items():

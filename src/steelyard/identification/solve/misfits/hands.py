@@ -7,6 +7,8 @@ motion comes and goes from sample to sample, a push goes on for some tenths of a
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -62,4 +64,4 @@ def without(forces: Forces, at: Balance, touched: tuple[tuple[float, float], ...
     left_out = forces.left_out.copy()
     for start, end in touched:
         left_out[(at.time >= start) & (at.time <= end)] = True
-    return forces.leaving_out(left_out)
+    return replace(forces, left_out=left_out)

@@ -4,24 +4,17 @@ is easily taken for filtered.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from steelyard.identification.model.balance import (
-    Forces,
-    balance_of,
-    parts_of,
-    time_constant,
-    uncorrected,
-)
+from steelyard.identification.model.balance import Forces, forgotten, time_constant
 from steelyard.identification.model.calibration_parameters import (
     CalibrationParameter,
     Key,
     gather,
 )
-from steelyard.identification.model.force_residuals import sample_weight
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise
@@ -31,6 +24,11 @@ from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 ALIKE = 9.0
 """Difference of the costs of a latency and of a filter below which the data do not tell one from the
 other, by three of their 1-sigma: then both may be there."""
+_SHARED, _OPEN = 0.7, 0.25
+"""Time constant of a filter beside a latency and its 1-sigma, in how far readings are behind: the square
+of the first is half of the whole, and two of the second take that to nothing and to the whole."""
+_MARGIN = 0.1
+"""By which clocks may differ, beside [s]."""
 _TWIN = {LATENCY: TIME_CONSTANT, TIME_CONSTANT: LATENCY}
 
 
@@ -81,60 +79,71 @@ def join_twins(groups: dict[Key, list[Key]]) -> None:
             groups[twin] += groups.pop((owner, key, run))
 
 
-def price(task: Task, found: Fit, factors: Mapping[Source, float], *, held: bool) -> float:
-    """Of a fit, every noise being as large as it is said to be, and what is left of forces as they were
-    read.
-
-    A filter is put right in readings and motion alike, which makes readings noisier. The motion takes
-    up a part of that noise, so that a long filter looks cheaper than it is: what is left over is taken
-    back to the readings, where the same noise is there whatever the filter.
+def shared(
+    task: Task, state: FitState, asked: frozenset[Key], alone: FitState
+) -> tuple[Task, FitState]:
+    """Task and state with what forces are behind shared between latency and filter, where the readings do
+    not tell one from the other: what is smoothed goes with the square of the time constant, and is
+    believed to be anything between nothing and what the whole would smooth as a filter. Without that
+    a time constant near zero would be told by nothing.
 
     Args:
-        task: What was fitted.
-        found: How.
+        task: With both.
+        state: Where to begin.
+        asked: What the residuals ask for, with both.
+        alone: Of a fit with one of them.
+    """
+    parameters, values = task.calibration_parameters, state.calibration.values.copy()
+    entries = {(each.owner, each.key, each.run): each for each in parameters.entries}
+    for key in asked:
+        twin = next((each for each in asked if each[:2] == (key[0], LATENCY)), None)
+        if key[1] != TIME_CONSTANT or twin is None:
+            continue
+        own, other = parameters.places[key], parameters.places[twin]
+        behind = np.abs(alone.calibration.values[own] + alone.calibration.values[other])
+        values[own], values[other] = _SHARED * behind, (1 - _SHARED) * behind
+        entries[key] = replace(entries[key], mean=_SHARED * behind, deviation=_OPEN * behind)
+    parameters = replace(parameters, entries=tuple(entries.values()))
+    calibration = replace(state.calibration, calibration_parameters=parameters, values=values)
+    return replace(task, calibration_parameters=parameters), replace(state, calibration=calibration)
+
+
+def prices(
+    fits: Sequence[tuple[Task, Fit]], factors: Mapping[Source, float], *, held: bool
+) -> list[float]:
+    """Of fits, every noise being as large as it is said to be, and without the forces of which one of them
+    does not know what its filter remembers.
+
+    Args:
+        fits: What was fitted, and how.
         factors: Quantity -> by how much its noise exceeds what its readings say.
         held: Whether the motion is held.
     """
-    state = replace(found.state, factors=factors)
-    cost = linearise(task, state, held=held)[1].cost + prior_cost(task, state)
-    # The noise of a held motion is in what is left over, too.
-    return cost if held else cost + _as_read(task, state)
-
-
-def _as_read(task: Task, state: FitState) -> float:
-    """By how much more the residuals of forces cost as they were read than behind the correction of
-    their filters.
-    """
-    found = 0.0
-    for segment, forces in zip(state.segments, task.force_samples, strict=True):
-        if forces is None or segment.static or forces.changes is None:
-            continue
-        constant = time_constant(task.experiment, segment, forces, state.calibration)
-        if constant > 0:
-            found += _of_segment(task, state, segment, forces, constant)
-    return found
-
-
-def _of_segment(
-    task: Task, state: FitState, segment: Segment, forces: Forces, constant: float
-) -> float:
-    """See :func:`_as_read`."""
-    assert state.parameters is not None
-    assert forces.changes is not None
-    parts = [
-        balance_of(
-            task.experiment, segment, part, state.calibration, state.parameters, state.factors
+    begins = max(forgotten(constant) for each in fits for constant in _constants(*each))
+    found = []
+    for task, own in fits:
+        forces = [
+            samples if samples is None or segment.static else _since(samples, segment, begins)
+            for segment, samples in zip(own.state.segments, task.force_samples, strict=True)
+        ]
+        state, less = (
+            replace(own.state, factors=factors),
+            replace(task, force_samples=tuple(forces)),
         )
-        for part in parts_of(task.experiment, segment, forces, state.calibration)
-    ]
-    left_over = np.concatenate([at.left_over for at in parts])
-    as_read = uncorrected(forces.time, left_over, constant)
-    louder = forces.changes.louder(constant)
-    found, start = 0.0, 0
-    for at in parts:
-        own = as_read[start : start + len(at.time)]
-        start += len(at.time)
-        whitened = louder * np.einsum("nij,nj->ni", at.whitener, own)
-        counts = sample_weight(at.residual) * segment.holds(at.time)
-        found += float(counts @ np.sum(whitened**2 - at.residual**2, axis=1))
+        found.append(linearise(less, state, held=held)[1].cost + prior_cost(task, state))
     return found
+
+
+def _constants(task: Task, found: Fit) -> Iterator[float]:
+    """Time constants of the filters of all segments, 0 where there is none [s]."""
+    for segment, forces in zip(found.state.segments, task.force_samples, strict=True):
+        own = 0.0
+        if forces is not None:
+            own = time_constant(task.experiment, segment, forces, found.state.calibration)
+        yield own
+
+
+def _since(forces: Forces, segment: Segment, begins: float) -> Forces:
+    """Forces of which those before some time after the beginning of the motion [s] are left out."""
+    early = forces.time < segment.span[0] + begins + (_MARGIN if begins else 0.0)
+    return replace(forces, left_out=forces.left_out | early[:, None])

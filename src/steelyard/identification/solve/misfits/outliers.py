@@ -4,7 +4,7 @@ platform.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +61,7 @@ def look(
         contacts, touched = (), np.zeros_like(touched)
     left_out[touched] = True
     return StandingOut(
-        force_samples=force_samples.leaving_out(left_out),
+        force_samples=replace(force_samples, left_out=left_out),
         contacts=contacts,
         spikes=tuple((float(at.time[i]), int(worst[i])) for i in np.flatnonzero(spikes & ~touched)),
         changed=bool(np.any(left_out != force_samples.left_out)),

@@ -32,7 +32,8 @@ from steelyard.identification.solve.misfits.late_or_filtered import (
     ALIKE,
     alternatives,
     join_twins,
-    price,
+    prices,
+    shared,
     twins_of,
 )
 from steelyard.identification.solve.newton_step import step_of
@@ -82,14 +83,19 @@ def with_suspicions(
         possible = [(asked, there) for asked, there in tried if _is_possible(*there, asked)]
         refused |= frozenset().union(*(asked for asked, _ in tried))
         if possible:
-            factors = found.state.factors
             if len(possible) > 1:
-                cost = {asked: price(*there, factors, held=held) for asked, there in possible}
+                cost = dict(
+                    zip(
+                        (asked for asked, _ in possible),
+                        prices([there for _, there in possible], found.state.factors, held=held),
+                        strict=True,
+                    )
+                )
                 possible.sort(key=lambda each: cost[each[0]])
                 best, other = possible[0][0], possible[1][0]
                 if cost[other] - cost[best] < ALIKE:
                     both = best | other
-                    there = _with(task, found, both, again)
+                    there = _with_both(task, found, both, possible[0][1][1], again)
                     if there[1].converged and _is_possible(*there, both, with_twin=True):
                         possible.insert(0, (both, there))
             asked, (task, found) = possible[0]
@@ -116,6 +122,27 @@ def _with(
         return task, found
     tried, state = _taken_back(task, found.state, twins)
     tried, state = _with_priors_of(tried, state, tried.calibration_parameters.believed(asked))
+    return tried, again(tried, state)
+
+
+def _with_both(
+    task: Task,
+    found: Fit,
+    both: frozenset[Key],
+    alone: Fit,
+    again: Callable[[Task, FitState], Fit],
+) -> tuple[Task, Fit]:
+    """Task and fit with a latency and a filter that the readings do not tell apart.
+
+    Args:
+        task: What has been fitted.
+        found: How.
+        both: What is asked for.
+        alone: The fit with one of them.
+        again: Fits once more.
+    """
+    believed = task.calibration_parameters.believed(both)
+    tried, state = shared(*_with_priors_of(task, found.state, believed), both, alone.state)
     return tried, again(tried, state)
 
 
@@ -148,7 +175,7 @@ def without_needless(
             if key in absent and not each.is_absent:
                 groups.setdefault(_name_of(each), []).append(key)
         join_twins(groups)
-        chances = {name: _chance_of(task, found, keys) for name, keys in groups.items()}
+        chances = {name: _chance_of(task, found, keys, absent) for name, keys in groups.items()}
         least = max(chances, key=lambda name: chances[name], default=None)
         if least is None or chances[least] < limit:
             return task, found
@@ -163,11 +190,20 @@ def _name_of(each: CalibrationParameter) -> Key:
     return each.owner, name, each.run
 
 
-def _chance_of(task: Task, found: Fit, keys: Sequence[Key]) -> float:
-    """Probability that these are as far from none by chance; one of many numbers may be alone."""
+def _chance_of(
+    task: Task, found: Fit, keys: Sequence[Key], absent: Mapping[Key, CalibrationParameter]
+) -> float:
+    """Probability that these are as far from none by chance; one of many numbers may be alone.
+
+    Args:
+        task: What has been fitted.
+        found: How.
+        keys: Of what.
+        absent: Key -> what it is when it is none.
+    """
     parameters = task.calibration_parameters
     own = np.concatenate([np.r_[parameters.places[key]] for key in keys])
-    off = (found.state.calibration.values - parameters.mean)[own]
+    off = found.state.calibration.values[own] - np.concatenate([absent[k].mean for k in keys])
     columns = task.column_of(found.state)[own]
     covariance = found.covariance[np.ix_(columns, columns)]
     sigma = np.sqrt(np.diag(covariance))
