@@ -52,10 +52,8 @@ from steelyard.identification.solve.long_recording import (
 )
 from steelyard.identification.solve.misfits.disturbances import with_disturbances
 from steelyard.identification.solve.misfits.jitter import with_jitter, with_jitter_found
-from steelyard.identification.solve.misfits.suspicions import (
-    with_suspicions,
-    without_needless,
-)
+from steelyard.identification.solve.misfits.late_or_filtered import with_twins_settled
+from steelyard.identification.solve.misfits.suspicions import with_suspicions, without_needless
 from steelyard.identification.solve.misfits.undisturbed_swings import undisturbed_swings
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.settings import FIT, FitSettings
@@ -262,6 +260,9 @@ def fit_readings(
     if any(segment.processes for segment in found.fit.state.segments):
         task, own = without_needless(found.task, found.fit, usual)
         found = replace(found, task=task, fit=own)
+    task, own = with_twins_settled(found.task, found.fit, usual)
+    if task is not found.task:
+        found = replace(found, task=task, fit=with_disturbances(task, own))
     # Gains that were far off then have stretched cables by what they do not.
     return seen_with_tensions(found, _SAME_TENSION)
 

@@ -257,7 +257,8 @@ def balance_at(
         behind = BehindFilter.of(
             experiment, segment, told, calibration, parameters, times, abs(constant)
         )
-        off = np.copysign(1.0, constant) * (behind.left_over - left_over)
+        off = measured.behind_filter(np.zeros_like(left_over), behind.left_over - left_over)
+        off = np.copysign(1.0, constant) * off
         left_over = left_over + off
     disturbance = unmodelled_processes(segment, local, motion["rotation"])
     if disturbance.any():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -88,18 +89,20 @@ class BehindFilter:
         grid = np.concatenate([before, times])
         own = slice(len(before), None)
         panels = Panels.of(grid, constant, segment.spacing)
-        read, rates = _pulling(experiment, segment, force_samples, calibration, parameters, grid)
-        slope = slopes(grid[: _BEGINNING + len(before)], rates[: _BEGINNING + len(before)])[:1]
-        first = np.concatenate([rates[:1] - constant * slope, rates[:1] - 2 * constant * slope])
-        turned, turned_twice = (each[own] for each in panels.filtered_changes(rates, first))
         nodes = panels.nodes.ravel()
-        needed = _needed(
-            experiment, segment, calibration, parameters, np.concatenate([nodes, grid])
-        )
+        local = segment.basis(np.concatenate([nodes, grid]))
+        inputs = moving_body(segment, local, calibration, parameters)
+        motion = motion_and_wrench(experiment.robot, *calibration.pulling)(**inputs)
+        needed = _with_regressor(motion)
         along, here = needed[: len(nodes)], needed[len(nodes) :]
         smoothed, twice = panels.filtered(
             along.reshape(*panels.nodes.shape, -1), beginning(grid, here, constant)
         )
+        on_grid = {key: each[len(nodes) :] for key, each in motion.items()}
+        read, rates = _pulling(experiment, segment, force_samples, calibration, grid, on_grid)
+        slope = slopes(grid[: _BEGINNING + len(before)], rates[: _BEGINNING + len(before)])[:1]
+        first = np.concatenate([rates[:1] - constant * slope, rates[:1] - 2 * constant * slope])
+        turned, turned_twice = (each[own] for each in panels.filtered_changes(rates, first))
         w, once, again = (each[own, :DIRECTIONS] for each in (here, smoothed, twice))
         return cls(
             read[own] - constant * turned - once,
@@ -128,8 +131,8 @@ def _pulling(
     segment: Segment,
     force_samples: Forces,
     calibration: CalibrationValues,
-    parameters: Array,
     grid: Array,
+    motion: Mapping[str, Array],
 ) -> tuple[Array, Array]:
     """Wrench of the readings at some times, of which the last are theirs, and how fast it changes because
     the platform moves, shape (n, 6) each.
@@ -145,31 +148,21 @@ def _pulling(
     whole = np.concatenate([ahead, read])
     ends = np.cumsum([each.shape[1] for each in bridged.readings.values()])[:-1]
     readings = dict(zip(bridged.readings, np.split(whole, ends, axis=1), strict=True))
-    inputs = moving_body(segment, segment.basis(grid), calibration, parameters)
-    motion = motion_and_wrench(experiment.robot, *calibration.pulling)(**inputs)
     later = {key: motion[key][count:] for key in ("position", "rotation")}
     rolled = remembered(experiment, segment, bridged, calibration, later)
     if rolled is not None:
         still = np.repeat(rolled.value[:1], count, axis=0)
-        motion["rolling"] = np.concatenate([still, rolled.value])
+        motion = {**motion, "rolling": np.concatenate([still, rolled.value])}
     every = replace(bridged, time=grid, readings=readings)
     measured = measured_force(experiment, segment, every, calibration, motion)
     turning = changes_of_wrench(grid, measured.wrench, measured.wrench_by_reading, whole)
     return measured.wrench, turning
 
 
-def _needed(
-    experiment: Experiment,
-    segment: Segment,
-    calibration: CalibrationValues,
-    parameters: Array,
-    times: Array,
-) -> Array:
+def _with_regressor(motion: Mapping[str, Array]) -> Array:
     """Wrench that moves the body, and its regressor row by row, shape (n, 66)."""
-    inputs = moving_body(segment, segment.basis(times), calibration, parameters)
-    motion = motion_and_wrench(experiment.robot, *calibration.pulling)(**inputs)
     regressor = platform_regressor(*(motion[k] for k in ("specific_force", "omega", "alpha")))
-    return np.hstack([motion["wrench"], regressor.reshape(len(times), -1)])
+    return np.hstack([motion["wrench"], regressor.reshape(len(regressor), -1)])
 
 
 def functions_behind(

@@ -176,9 +176,10 @@ class BalancePoint:
         if self.constant <= 0:
             return self.local.first, spread(self.local, by_state, *by[1:], block=block)
         behind, plain = functions_behind(self.segment, self.at.time, self.constant, wide=wide)
+        alone = spread(plain, by[0], *by[1:], block=block)
+        found = self.at.measured.behind_filter(alone, spread(behind, by[0], *by[1:], block=block))
         by_processes = by_state.copy()
         by_processes[:, :, :POSE] = 0.0
-        found = spread(behind, by[0], *by[1:], block=block)
         return behind.first, found + spread(plain, by_processes, block=block)
 
     def of_readings(self) -> Iterator[tuple[Process, slice, slice]]:
@@ -339,16 +340,14 @@ class BalancePoint:
         """Derivatives of the balance by a delay and by the time constant of a filter, without those
         through processes, shape (n, 6) each.
         """
-        behind = self.at.behind
-        if behind is not None and self.constant > 0:
-            return behind.by_delay, behind.by_constant
-        alone = -rate_along(by, self.motion)
+        behind, alone = self.at.behind, -rate_along(by, self.motion)
         if behind is None:
             return alone, alone
-        return (
-            2 * alone - behind.by_delay,
-            2 * alone + behind.by_constant - 2 * behind.by_delay,
-        )
+        by_delay, by_filter = behind.by_delay, behind.by_constant
+        if self.constant < 0:
+            by_delay, by_filter = 2 * alone - by_delay, 2 * alone + by_filter - 2 * by_delay
+        measured = self.at.measured
+        return measured.behind_filter(alone, by_delay), measured.behind_filter(alone, by_filter)
 
     def _by_processes_of_earlier(self) -> Array:
         """Derivative of the balance by a delay through the processes beside it, shape (n, 6)."""
@@ -389,7 +388,9 @@ def point_of(
         )
     )
     if at.behind is not None and moving.constant > 0:
-        derivatives["by_parameters"] = -at.behind.regressor
+        derivatives["by_parameters"] = at.measured.behind_filter(
+            derivatives["by_parameters"], -at.behind.regressor
+        )
     return BalancePoint(
         experiment,
         segment,

@@ -66,6 +66,26 @@ class MeasuredForce:
             return values
         return np.asarray(np.einsum("nkm,nm->nk", self.structure, values))
 
+    @cached_property
+    def carried(self) -> Array | None:
+        """Part of a wrench that the cables can carry, shape (n, 6, 6); None: all of it."""
+        structure = self.structure
+        if structure is None or structure.shape[2] >= DIRECTIONS:
+            return None
+        return np.asarray(structure @ np.linalg.pinv(structure))
+
+    def behind_filter(self, plain: Array, filtered: Array) -> Array:
+        """What a filter of the readings makes of wrenches, or of changes of them: in directions that no
+        cable carries nothing, for there the motion balances by itself.
+
+        Args:
+            plain: Without the filter, shape (n, 6, ...).
+            filtered: Behind it, shape (n, 6, ...).
+        """
+        if self.carried is None:
+            return filtered
+        return np.asarray(plain + np.einsum("nij,nj...->ni...", self.carried, filtered - plain))
+
     def changes_of_wrench(self, changes: Array) -> Array:
         """Changes of the wrench on the platform by changes of tensions or of a wrench, shape (n, 6,
         c).

@@ -4,7 +4,7 @@ is easily taken for filtered.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,18 +12,27 @@ import numpy as np
 from steelyard.identification.model.balance import Forces, forgotten, time_constant
 from steelyard.identification.model.calibration_parameters import (
     CalibrationParameter,
+    CalibrationParameters,
     Key,
     gather,
 )
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.sources import Source
-from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise
-from steelyard.identification.solve.joint_fit import prior_cost
+from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise, smooth
+from steelyard.identification.solve.joint_fit import fit, prior_cost
+from steelyard.identification.solve.misfits.suspected_errors import (
+    is_possible,
+    taken_back,
+    with_priors_of,
+)
 from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 
-ALIKE = 9.0
+_Possible = tuple[frozenset[Key], tuple[Task, Fit]]
+"""What is asked for, and the task and its fit with that."""
+ALIKE = 25.0
 """Difference of the costs of a latency and of a filter below which the data do not tell one from the
-other, by three of their 1-sigma: then both may be there."""
+other: then both may be there. By noise alone it would be a matter of three of their 1-sigma; with what
+else is not quite as described, filters that were there have cost up to 24 more than delays."""
 _SHARED, _OPEN = 0.7, 0.25
 """Time constant of a filter beside a latency and its 1-sigma, in how far readings are behind: the square
 of the first is half of the whole, and two of the second take that to nothing and to the whole."""
@@ -112,7 +121,11 @@ def prices(
     fits: Sequence[tuple[Task, Fit]], factors: Mapping[Source, float], *, held: bool
 ) -> list[float]:
     """Of fits, every noise being as large as it is said to be, and without the forces of which one of them
-    does not know what its filter remembers.
+    does not know what its filter remembers; with what the motion takes up of the noise.
+
+    Behind a filter forces tell less of what is fast in a motion, which then follows less of their noise
+    and leaves more of it over: by that alone a delay would seem better. What is likely over all motions
+    is no measure either: where a motion is smoother than its prior, it is in favour of the filter.
 
     Args:
         fits: What was fitted, and how.
@@ -130,7 +143,11 @@ def prices(
             replace(own.state, factors=factors),
             replace(task, force_samples=tuple(forces)),
         )
-        found.append(linearise(less, state, held=held)[1].cost + prior_cost(task, state))
+        parts, tally = linearise(less, state, held=held)
+        found.append(tally.cost + prior_cost(task, state))
+        if not held:
+            equations = smooth(state, [each.all for each in parts])
+            found[-1] += sum(sum(each.spent().values()) for each in equations)
     return found
 
 
@@ -147,3 +164,127 @@ def _since(forces: Forces, segment: Segment, begins: float) -> Forces:
     """Forces of which those before some time after the beginning of the motion [s] are left out."""
     early = forces.time < segment.span[0] + begins + (_MARGIN if begins else 0.0)
     return replace(forces, left_out=forces.left_out | early[:, None])
+
+
+def with_twins_settled(
+    task: Task,
+    found: Fit,
+    before: CalibrationParameters,
+    again: Callable[[Task, FitState], Fit] = fit,
+) -> tuple[Task, Fit]:
+    """The task with a latency of the forces in the place of a filter or the other way round, or with both,
+    where that is how it is once everything else has been found; the very same where it stays as it is.
+
+    Beside what is not explained yet, what costs more tells little.
+
+    Args:
+        task: What has been fitted.
+        found: How, with its processes.
+        before: The calibration parameters before anything was asked for.
+        again: Fits once more.
+
+    Raises:
+        numpy.linalg.LinAlgError: The motion is not determined.
+    """
+    absent = {(each.owner, each.key, each.run): each for each in before.entries if each.is_absent}
+    twins = [key for key in absent if key[1] in {LATENCY, TIME_CONSTANT}]
+    behind_by = {
+        (each.owner, each.key, each.run)
+        for each in task.calibration_parameters.entries
+        if not each.is_absent
+    }
+    for owner in sorted({key[0] for key in twins}):
+        every = frozenset(key for key in twins if key[0] == owner)
+        asked = every & behind_by
+        if len(every) > 1 and asked:
+            task, found = _settled(task, found, {key: absent[key] for key in every}, asked, again)
+    return task, found
+
+
+def _settled(
+    task: Task,
+    found: Fit,
+    absent: Mapping[Key, CalibrationParameter],
+    asked: frozenset[Key],
+    again: Callable[[Task, FitState], Fit],
+) -> tuple[Task, Fit]:
+    """See :func:`with_twins_settled`, of one instrument.
+
+    Args:
+        task: What has been fitted.
+        found: How.
+        absent: Its latency and its filter, as they are when they are none.
+        asked: Which of these are there.
+        again: Fits once more.
+    """
+    without, state = taken_back(task, found.state, {key: absent[key] for key in asked})
+    places = without.calibration_parameters.places
+    behind = sum(found.state.calibration.values[places[key]] for key in asked)
+    possible = list[_Possible]()
+    for key in absent:
+        # Both anew: how smooth the motion is, is found again, and has its price.
+        own = frozenset({key})
+        parameters = without.calibration_parameters.believed(own)
+        tried, start = with_priors_of(without, state, parameters)
+        values = start.calibration.values.copy()
+        values[places[key]] = behind
+        start = replace(start, calibration=replace(start.calibration, values=values))
+        fitted = again(tried, start)
+        if fitted.converged and is_possible(tried, fitted, own):
+            possible.append((own, (tried, fitted)))
+    if not possible:
+        return task, found
+    best, chosen = of_twins(without, replace(found, state=state), possible, again, held=False)
+    return (task, found) if best == asked else chosen
+
+
+def of_twins(
+    task: Task,
+    found: Fit,
+    possible: Sequence[_Possible],
+    again: Callable[[Task, FitState], Fit],
+    *,
+    held: bool,
+) -> _Possible:
+    """Which of some fits costs least, or one with all that two ask for that cost alike.
+
+    Args:
+        task: What has been fitted.
+        found: How.
+        possible: What is asked for, with its task and its fit, at least one.
+        again: Fits once more.
+        held: Whether the motion is held.
+    """
+    if len(possible) == 1:
+        return possible[0]
+    costs = prices([there for _, there in possible], found.state.factors, held=held)
+    (cost, first), (more, second) = sorted(zip(costs, possible, strict=True), key=lambda e: e[0])[
+        :2
+    ]
+    if more - cost < ALIKE:
+        both = first[0] | second[0]
+        there = _with_both(task, found, both, first[1][1], again)
+        if there[1].converged and is_possible(*there, both, with_twin=True):
+            return both, there
+    return first
+
+
+def _with_both(
+    task: Task,
+    found: Fit,
+    both: frozenset[Key],
+    alone: Fit,
+    again: Callable[[Task, FitState], Fit],
+) -> tuple[Task, Fit]:
+    """Task and fit with a latency and a filter that the readings do not tell apart.
+
+    Args:
+        task: What has been fitted.
+        found: How.
+        both: What is asked for.
+        alone: The fit with one of them.
+        again: Fits once more.
+    """
+    believed = task.calibration_parameters.believed(both)
+    tried, state = shared(*with_priors_of(task, found.state, believed), both, alone.state)
+    return tried, again(tried, state)

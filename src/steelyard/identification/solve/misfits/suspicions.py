@@ -9,18 +9,15 @@ step of the fit in which they may move shows by how much the cost would fall (a 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from steelyard.arrays import Array
-from steelyard.estimates.quantiles import chi2_exceeded, chi2_tail, normal_tail
+from steelyard.estimates.quantiles import chi2_tail, normal_tail
 from steelyard.identification.model.calibration_parameters import (
-    AIR,
-    ATTACHED,
     ROBOT,
     CalibrationParameter,
     CalibrationParameters,
@@ -29,26 +26,22 @@ from steelyard.identification.model.calibration_parameters import (
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise, smooth
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.late_or_filtered import (
-    ALIKE,
     alternatives,
     join_twins,
-    prices,
-    shared,
+    of_twins,
     twins_of,
 )
+from steelyard.identification.solve.misfits.suspected_errors import (
+    is_possible,
+    taken_back,
+    with_priors_of,
+)
 from steelyard.identification.solve.newton_step import step_of
-from steelyard.instruments.base import LATENCY
 
-_SURE = 3.0
-"""1-sigma by which a stiffness, an area or a time constant must not be negative."""
-_REACH = 2.0
-"""1-sigma of the point at which a hose pulls, in sizes of the platform."""
 _MISPLACED, _MISSCALED = 0.05, 0.1
 """1-sigma of an anchor or an attachment [m] and of a gain that is wrong."""
 _LEAST_SHARE = 1e-6
 """Part that the readings have in what is known in a direction, at least: less is rounding."""
-_CHANCE = 1e-3
-"""Probability with which a hose is refused that pulls at one point."""
 
 
 def with_suspicions(
@@ -80,25 +73,10 @@ def with_suspicions(
         tried = [
             (each, _with(task, found, each, again)) for each in alternatives(task, worst, held=held)
         ]
-        possible = [(asked, there) for asked, there in tried if _is_possible(*there, asked)]
+        possible = [(asked, there) for asked, there in tried if is_possible(*there, asked)]
         refused |= frozenset().union(*(asked for asked, _ in tried))
         if possible:
-            if len(possible) > 1:
-                cost = dict(
-                    zip(
-                        (asked for asked, _ in possible),
-                        prices([there for _, there in possible], found.state.factors, held=held),
-                        strict=True,
-                    )
-                )
-                possible.sort(key=lambda each: cost[each[0]])
-                best, other = possible[0][0], possible[1][0]
-                if cost[other] - cost[best] < ALIKE:
-                    both = best | other
-                    there = _with_both(task, found, both, possible[0][1][1], again)
-                    if there[1].converged and _is_possible(*there, both, with_twin=True):
-                        possible.insert(0, (both, there))
-            asked, (task, found) = possible[0]
+            asked, (task, found) = of_twins(task, found, possible, again, held=held)
             refused -= asked
         # Else something else imitates it, and is to be named by the verdict.
     return task, found
@@ -120,29 +98,8 @@ def _with(
     }
     if asked <= believed and not twins:
         return task, found
-    tried, state = _taken_back(task, found.state, twins)
-    tried, state = _with_priors_of(tried, state, tried.calibration_parameters.believed(asked))
-    return tried, again(tried, state)
-
-
-def _with_both(
-    task: Task,
-    found: Fit,
-    both: frozenset[Key],
-    alone: Fit,
-    again: Callable[[Task, FitState], Fit],
-) -> tuple[Task, Fit]:
-    """Task and fit with a latency and a filter that the readings do not tell apart.
-
-    Args:
-        task: What has been fitted.
-        found: How.
-        both: What is asked for.
-        alone: The fit with one of them.
-        again: Fits once more.
-    """
-    believed = task.calibration_parameters.believed(both)
-    tried, state = shared(*_with_priors_of(task, found.state, believed), both, alone.state)
+    tried, state = taken_back(task, found.state, twins)
+    tried, state = with_priors_of(tried, state, tried.calibration_parameters.believed(asked))
     return tried, again(tried, state)
 
 
@@ -180,7 +137,7 @@ def without_needless(
         if least is None or chances[least] < limit:
             return task, found
         gone = {key: absent[key] for key in groups[least]}
-        task, state = _taken_back(task, found.state, gone)
+        task, state = taken_back(task, found.state, gone)
         found = again(task, state)
 
 
@@ -242,77 +199,6 @@ def _tail(far: float, share: Array) -> float:
     """
     size = float(np.sum(share**2) / np.sum(share))
     return float(chi2_tail(max(far, 0.0) / size, float(np.sum(share) / size)))
-
-
-def _taken_back(
-    task: Task, state: FitState, gone: Mapping[Key, CalibrationParameter]
-) -> tuple[Task, FitState]:
-    """Task and state without these errors."""
-    parameters = task.calibration_parameters
-    values, active = state.calibration.values.copy(), task.active.copy()
-    for key, each in gone.items():
-        place = parameters.places[key]
-        values[place], active[place] = each.mean, False
-    entries = tuple(gone.get((u.owner, u.key, u.run), u) for u in parameters.entries)
-    parameters = replace(parameters, entries=entries)
-    calibration = replace(state.calibration, calibration_parameters=parameters, values=values)
-    task = replace(task, calibration_parameters=parameters, active=active)
-    return task, replace(state, calibration=calibration)
-
-
-def _is_possible(task: Task, found: Fit, asked: frozenset[Key], *, with_twin: bool = False) -> bool:
-    """Whether what was asked for came out as it can be: a hose pulls at one point, and pulls back;
-    air brakes; a filter does not read ahead.
-
-    Args:
-        task: What was fitted.
-        found: How.
-        asked: For what.
-        with_twin: Whether a latency stands beside its filter, and so need not be sure of itself.
-    """
-    places = task.calibration_parameters.places
-    ten, column_of = found.state.ten, task.column_of(found.state)
-    for key in asked:
-        least = -_SURE if with_twin else _least(task, key)
-        sigma = np.sqrt(np.diag(found.covariance)[column_of[places[key]]])
-        if np.any(found.state.calibration.values[places[key]] < least * sigma):
-            return False
-    keys = [(ROBOT, key, None) for key, _ in (*ATTACHED, *AIR) if (ROBOT, key, None) in asked]
-    if not keys:
-        return True
-    own = np.concatenate([column_of[places[key]] for key in keys])
-    values = np.concatenate([found.state.calibration.values[places[key]] for key in keys])
-    covariance = found.covariance[np.ix_(own, own)]
-    sigma = np.sqrt(np.diag(covariance))
-    assert own.min(initial=ten) >= ten
-    if keys[0][1] == AIR[0][0]:
-        return bool(np.all(values > -_SURE * sigma))
-    stiffness, reach = values[3], _REACH * task.experiment.robot.size
-    if stiffness < -_SURE * sigma[3]:
-        return False
-    whiten = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(sigma, sigma))) / sigma
-
-    def beside(hose: Array) -> Array:
-        """What a hose at one point would be, beside what was found."""
-        force, stiff, point = hose[:3], hose[3], hose[4:]
-        there = np.concatenate([hose[:4], np.outer(force, point).ravel(), stiff * point])
-        return np.concatenate([whiten @ (values - there), point / reach])
-
-    nearest = least_squares(beside, np.concatenate([values[:4], np.zeros(3)]))
-    return bool(2 * nearest.cost < chi2_exceeded(_CHANCE, len(values) - 4))
-
-
-def _least(task: Task, asked: Key) -> float:
-    """Where an error has to be at least, in its 1-sigma: what no device has below zero may be there
-    by chance only; a latency, which a filter imitates, has to be sure of itself.
-    """
-    owner, key, _ = asked
-    if key == LATENCY:
-        return _SURE
-    if owner not in task.experiment.instruments:
-        return -np.inf
-    terms = task.experiment.instruments[owner].terms(task.calibration_parameters.m)
-    return -_SURE if any(each.key == key and each.positive for each in terms) else -np.inf
 
 
 def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) -> frozenset[Key]:
@@ -394,7 +280,7 @@ class _Gains:
     def of(cls, task: Task, state: FitState, wide: Array, *, held: bool) -> _Gains:
         """About a state, with these 1-sigma of the calibration parameters, shape (u,)."""
         stated, parameters = task.calibration_parameters.deviation, task.calibration_parameters
-        loose, state = _with_priors_of(task, state, parameters.widened(wide))
+        loose, state = with_priors_of(task, state, parameters.widened(wide))
         parts, _ = linearise(loose, state, held=held)
         step = step_of(loose, state, smooth(state, [each.all for each in parts]))
         scale = np.sqrt(np.diag(step.covariance))
@@ -441,13 +327,3 @@ class _Gains:
         moved = covariance @ right
         known = covariance[np.ix_(inside, inside)]
         return float(right @ moved), np.asarray(moved[inside] * self.scale[own]), known
-
-
-def _with_priors_of(
-    task: Task, state: FitState, parameters: CalibrationParameters
-) -> tuple[Task, FitState]:
-    """Task and state with other priors, under which more may move."""
-    active = task.active | (parameters.deviation > task.calibration_parameters.deviation)
-    calibration = replace(state.calibration, calibration_parameters=parameters)
-    task = replace(task, calibration_parameters=parameters, active=active)
-    return task, replace(state, calibration=calibration)
