@@ -21,6 +21,8 @@ from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise, smooth
 from steelyard.identification.solve.joint_fit import fit, prior_cost
 from steelyard.identification.solve.misfits.suspected_errors import (
+    absent_in,
+    asked_for,
     is_possible,
     taken_back,
     with_priors_of,
@@ -186,18 +188,13 @@ def with_twins_settled(
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
-    absent = {(each.owner, each.key, each.run): each for each in before.entries if each.is_absent}
-    twins = [key for key in absent if key[1] in {LATENCY, TIME_CONSTANT}]
-    behind_by = {
-        (each.owner, each.key, each.run)
-        for each in task.calibration_parameters.entries
-        if not each.is_absent
-    }
+    twins = {k: none for k, none in absent_in(before).items() if k[1] in _TWIN}
+    believed = asked_for(task, before)
     for owner in sorted({key[0] for key in twins}):
-        every = frozenset(key for key in twins if key[0] == owner)
-        asked = every & behind_by
-        if len(every) > 1 and asked:
-            task, found = _settled(task, found, {key: absent[key] for key in every}, asked, again)
+        own = {key: none for key, none in twins.items() if key[0] == owner}
+        asked = frozenset(own.keys() & believed.keys())
+        if len(own) > 1 and asked:
+            task, found = _settled(task, found, own, asked, again)
     return task, found
 
 

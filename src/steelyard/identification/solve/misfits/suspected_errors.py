@@ -31,6 +31,22 @@ _CHANCE = 1e-3
 """Probability with which a hose is refused that pulls at one point."""
 
 
+def absent_in(parameters: CalibrationParameters) -> dict[Key, CalibrationParameter]:
+    """Errors that are taken as none unless the readings ask for them, as they are then."""
+    return {(each.owner, each.key, each.run): each for each in parameters.entries if each.is_absent}
+
+
+def asked_for(task: Task, before: CalibrationParameters) -> dict[Key, CalibrationParameter]:
+    """Errors for which the readings have asked, as they are when they are none.
+
+    Args:
+        task: With them.
+        before: The calibration parameters before anything was asked for.
+    """
+    absent = absent_in(task.calibration_parameters)
+    return {key: none for key, none in absent_in(before).items() if key not in absent}
+
+
 def taken_back(
     task: Task, state: FitState, gone: Mapping[Key, CalibrationParameter]
 ) -> tuple[Task, FitState]:

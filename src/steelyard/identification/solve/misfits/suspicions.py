@@ -32,6 +32,7 @@ from steelyard.identification.solve.misfits.late_or_filtered import (
     twins_of,
 )
 from steelyard.identification.solve.misfits.suspected_errors import (
+    asked_for,
     is_possible,
     taken_back,
     with_priors_of,
@@ -123,14 +124,12 @@ def without_needless(
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
-    absent = {(each.owner, each.key, each.run): each for each in before.entries if each.is_absent}
     limit = 2 * float(normal_tail(task.settings.suspicious))
     while True:
         groups: dict[Key, list[Key]] = {}
-        for each in task.calibration_parameters.entries:
-            key = (each.owner, each.key, each.run)
-            if key in absent and not each.is_absent:
-                groups.setdefault(_name_of(each), []).append(key)
+        absent = asked_for(task, before)
+        for key, each in absent.items():
+            groups.setdefault(_name_of(each), []).append(key)
         join_twins(groups)
         chances = {name: _chance_of(task, found, keys, absent) for name, keys in groups.items()}
         least = max(chances, key=lambda name: chances[name], default=None)
