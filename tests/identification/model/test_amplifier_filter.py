@@ -13,7 +13,7 @@ from steelyard.identification.model.balance.amplifier_filter import (
     MEMORY,
     Panels,
     beginning,
-    changes_of_wrench,
+    rates_by_motion,
     times_before,
 )
 from steelyard.identification.model.balance.linearised import point_of
@@ -112,7 +112,7 @@ def test_readings_that_change_at_rest_turn_no_wrench(rng):
     times, by_reading = np.arange(50) / 100, rng.normal(size=(6, 8))
     readings = 500 + rng.normal(size=(50, 8)).cumsum(axis=0)
     every = np.broadcast_to(by_reading, (50, 6, 8))
-    found = changes_of_wrench(times, readings @ by_reading.T, every, readings)
+    found = rates_by_motion(times, readings @ by_reading.T, every, readings)
     np.testing.assert_allclose(found, 0, atol=1e-8)
 
 

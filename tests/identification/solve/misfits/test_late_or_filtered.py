@@ -45,7 +45,7 @@ def test_late_forces_are_late(sound):
 @pytest.mark.integration
 @pytest.mark.parametrize("constant", [0.02, 0.05])
 def test_filtered_forces_are_filtered(sound, constant):
-    """Of 50 ms it was taken for late, and moments were 7 of their 1-sigma off, while the series in the
+    """Of 50 ms it was taken for late, and accepted with 5.4, while the series in the
     time constant was put right in the readings."""
     rng, sigma = np.random.default_rng(0), sound.instruments["cables"].noise
 

@@ -99,7 +99,7 @@ class Panels:
         return once, _recursion(self.kept, later, first[1])
 
 
-def changes_of_wrench(times: Array, wrench: Array, by_reading: Array, readings: Array) -> Array:
+def rates_by_motion(times: Array, wrench: Array, by_reading: Array, readings: Array) -> Array:
     """How fast the wrench of readings changes because the platform moves and not because they do
     [N/s], [N m/s], between each reading and the one before, shape (n, 6); dM/dt y. The noise of the
     readings is not differentiated: it meets changes of M only.

@@ -15,7 +15,7 @@ from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance.amplifier_filter import (
     Panels,
     beginning,
-    changes_of_wrench,
+    rates_by_motion,
     times_before,
 )
 from steelyard.identification.model.balance.equations import motion_and_wrench
@@ -155,7 +155,7 @@ def _pulling(
         motion = {**motion, "rolling": np.concatenate([still, rolled.value])}
     every = replace(bridged, time=grid, readings=readings)
     measured = measured_force(experiment, segment, every, calibration, motion)
-    turning = changes_of_wrench(grid, measured.wrench, measured.wrench_by_reading, whole)
+    turning = rates_by_motion(grid, measured.wrench, measured.wrench_by_reading, whole)
     return measured.wrench, turning
 
 

@@ -176,11 +176,12 @@ class BalancePoint:
         if self.constant <= 0:
             return self.local.first, spread(self.local, by_state, *by[1:], block=block)
         behind, plain = functions_behind(self.segment, self.at.time, self.constant, wide=wide)
-        alone = spread(plain, by[0], *by[1:], block=block)
-        found = self.at.measured.behind_filter(alone, spread(behind, by[0], *by[1:], block=block))
-        by_processes = by_state.copy()
-        by_processes[:, :, :POSE] = 0.0
-        return behind.first, found + spread(plain, by_processes, block=block)
+        alone, filtered = (spread(each, by_state, *by[1:], block=block) for each in (plain, behind))
+        found = self.at.measured.behind_filter(alone, filtered)
+        # What processes add is not behind the filter.
+        own, other = (each.reshape(*each.shape[:2], -1, block) for each in (found, alone))
+        own[..., POSE:] = other[..., POSE:]
+        return behind.first, found
 
     def of_readings(self) -> Iterator[tuple[Process, slice, slice]]:
         """Processes that are added to the readings, where their coefficients stand, and which readings

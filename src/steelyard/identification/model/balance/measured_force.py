@@ -67,7 +67,7 @@ class MeasuredForce:
         return np.asarray(np.einsum("nkm,nm->nk", self.structure, values))
 
     @cached_property
-    def carried(self) -> Array | None:
+    def carried_directions(self) -> Array | None:
         """Part of a wrench that the cables can carry, shape (n, 6, 6); None: all of it."""
         structure = self.structure
         if structure is None or structure.shape[2] >= DIRECTIONS:
@@ -82,9 +82,11 @@ class MeasuredForce:
             plain: Without the filter, shape (n, 6, ...).
             filtered: Behind it, shape (n, 6, ...).
         """
-        if self.carried is None:
+        if self.carried_directions is None:
             return filtered
-        return np.asarray(plain + np.einsum("nij,nj...->ni...", self.carried, filtered - plain))
+        return np.asarray(
+            plain + np.einsum("nij,nj...->ni...", self.carried_directions, filtered - plain)
+        )
 
     def changes_of_wrench(self, changes: Array) -> Array:
         """Changes of the wrench on the platform by changes of tensions or of a wrench, shape (n, 6,
