@@ -98,6 +98,46 @@ def test_what_swallows_every_exception_is_ended_as_it_is(number, status, longest
     assert (ended.returncode, ended.stderr) == (status, b"")
 
 
+CLEARED = """
+import os, signal, sys
+from steelyard.cli import interruption
+number = int(sys.argv[1])
+
+class Cleared:
+    def __del__(self):
+        if signals:
+            os.kill(os.getpid(), signals.pop())
+            # The handler runs between two instructions of these.
+            for _ in range(1000):
+                pass
+
+class Broken:
+    def __del__(self):
+        raise ValueError("told as before")
+
+signals = [number]
+try:
+    with interruption.interruptible():
+        Broken()
+        while True:
+            Cleared()
+except KeyboardInterrupt:
+    Broken()
+    sys.exit(130)
+"""
+
+
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_while_an_object_is_cleared_away_prints_nothing(number, status):
+    """Python prints a traceback of an exception that a finaliser raises."""
+    ended = finished([sys.executable, "-c", CLEARED, str(int(number))], capture_output=True)
+    assert ended.returncode == status
+    assert b"KeyboardInterrupt" not in ended.stderr
+    assert b"SystemExit" not in ended.stderr
+    # Every other one is printed, before and after.
+    assert ended.stderr.count(b"told as before") == (2 if number == signal.SIGINT else 1)
+
+
 LEAVING = """
 import atexit, os, signal
 atexit.register(lambda: print(signal.getitimer(signal.ITIMER_REAL)))

@@ -26,7 +26,15 @@ def interruptible() -> Iterator[None]:
     block; a second signal ends the process at once.
     """
     interruption = _Interruption()
-    before = signal.getsignal(signal.SIGINT)
+    before, unraisable = signal.getsignal(signal.SIGINT), sys.unraisablehook
+
+    def lost(unraised: sys.UnraisableHookArgs) -> None:
+        # Python prints a traceback of what it cannot raise, as where the signal comes while it
+        # clears an object away. The timer raises it again: nothing is lost that needs to be told.
+        if interruption.number is None or not _is_of(unraised.exc_value, interruption.number):
+            unraisable(unraised)
+
+    sys.unraisablehook = lost
     signal.signal(signal.SIGTERM, interruption.begin)
     if before is not signal.SIG_IGN:
         # Of what runs in the background, a shell has Ctrl-C ignored.
@@ -43,6 +51,7 @@ def interruptible() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
         signal.signal(signal.SIGTERM, lambda *_: sys.exit(TERMINATED))
         _stop_timer()
+        sys.unraisablehook = unraisable
 
 
 class _Interruption:
@@ -95,7 +104,7 @@ def _is_handled(number: int) -> bool:
     return error is not None
 
 
-def _is_of(error: BaseException, number: int) -> bool:
+def _is_of(error: BaseException | None, number: int) -> bool:
     return isinstance(error, type(_exception(number)))
 
 
