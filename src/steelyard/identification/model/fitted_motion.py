@@ -43,7 +43,7 @@ _AXES = {
 _ROTATION_SIGMAS = ("sigma_rx", "sigma_ry", "sigma_rz")
 RATE = 100.0
 """At which it is written [Hz]."""
-_AT_ONCE = 2048
+_AT_ONCE = 512
 """Instants whose covariance is held at once, which bounds the memory."""
 
 

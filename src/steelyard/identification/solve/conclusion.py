@@ -18,7 +18,7 @@ from steelyard.identification.known_body import plausible
 from steelyard.identification.model.balance import Balance
 from steelyard.identification.model.calibration_parameters import ROBOT, load_place
 from steelyard.identification.model.fitted_motion import FittedMotion, fitted_motion
-from steelyard.identification.model.motion_segment import AT_REST, Segment
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.beginning.begin import NoBalanceError
@@ -37,7 +37,12 @@ from steelyard.identification.solve.border.segment_equations import (
 )
 from steelyard.identification.solve.bound import bound_of
 from steelyard.identification.solve.fit_state import Fit, FitState
-from steelyard.identification.solve.fitted import Fitted, FittedStretch, estimated_columns
+from steelyard.identification.solve.fitted import (
+    Fitted,
+    FittedStretch,
+    by_source,
+    estimated_columns,
+)
 from steelyard.identification.solve.posterior import Posterior, prior_of
 from steelyard.inertia import TEN
 from steelyard.smoothing import DEGREE
@@ -125,7 +130,7 @@ def concluded(chunks: Sequence[FittedStretch], *, courses: bool = True) -> Poste
         slack=tuple(each for chunk in chunks for each in chunk.fitted.slack),
         notes=tuple(dict.fromkeys(_notes(chunks))),
         further_loads=tuple(loads),
-        by_source=_by_source(parts),
+        by_source=by_source(parts),
     )
     solution = replace(solution, ratio=_force_ratio(found, sources, frozenset()))
     freedom = max(total.freedom, 1.0)
@@ -211,16 +216,6 @@ def _by_run(parts: Sequence[SegmentEquations]) -> dict[str, BorderEquations]:
     for part in parts:
         run = part.segment.run
         found[run] = found[run] + part.equations if run in found else part.equations
-    return found
-
-
-def _by_source(parts: Sequence[SegmentEquations]) -> dict[Source, Array]:
-    """Quantity -> part of the normal matrix that its readings bring."""
-    found: dict[Source, Array] = {}
-    for part in parts:
-        for (owner, name), matrix in part.by_source.items():
-            source = (owner, name.removesuffix(AT_REST))
-            found[source] = found.get(source, 0.0) + matrix
     return found
 
 
@@ -315,14 +310,15 @@ def _samples(run: Run, chunks: Sequence[FittedStretch]) -> Samples:
     if not own:
         return prepared
     grid = segments[0].knots
-    cables = own[0].structure is not None
+    cables = prepared.tension is not None
     motion = {name: np.concatenate([at.motion[name] for at in own]) for name in own[0].motion}
     return replace(
         prepared,
         time=np.concatenate([at.time for at in own]),
         wrench=np.concatenate([at.wrench for at in own]),
         tension=np.concatenate([at.carried for at in own]) if cables else None,
-        structure=np.concatenate([_structure(at) for at in own]) if cables else None,
+        # Nobody asks for it, and of an hour it takes more than all readings.
+        structure=None,
         spacing=0.0 if prepared.static else float(grid[DEGREE + 1] - grid[DEGREE]),
         omega=motion["omega"],
         alpha=motion["alpha"],
@@ -331,8 +327,3 @@ def _samples(run: Run, chunks: Sequence[FittedStretch]) -> Samples:
         rotation=motion["rotation"],
         velocity=motion["velocity"],
     )
-
-
-def _structure(at: Balance | BalanceCourse) -> Array:
-    assert at.structure is not None
-    return at.structure

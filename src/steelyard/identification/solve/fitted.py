@@ -8,7 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.arrays import Array
 from steelyard.identification.model.balance import Balance, Forces, balance_of
+from steelyard.identification.model.motion_segment import AT_REST
+from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.beginning.readings import Readings
 from steelyard.identification.solve.border.segment_equations import (
     BalanceCourse,
@@ -58,6 +61,11 @@ class Fitted:
             for segment, forces in zip(state.segments, self.force_samples, strict=True)
         )
 
+    def without_equations(self) -> Fitted:
+        """The same without the large matrices of its knots."""
+        fit, motion = (replace(each, equations=(), motions=()) for each in (self.fit, self.motion))
+        return replace(self, fit=fit, motion=motion)
+
 
 @dataclass(frozen=True, eq=False)
 class FittedStretch:
@@ -94,10 +102,33 @@ def without_knots(chunk: FittedStretch) -> FittedStretch:
         for part in chunk.parts
     )
     records = tuple(replace(each, segments=(), force_samples=()) for each in chunk.readings.records)
-    fit = chunk.fitted.fit
-    state = replace(fit.state, segments=tuple(part.segment for part in parts))
-    fitted = replace(chunk.fitted, fit=replace(fit, state=state, equations=(), motions=()))
+    fitted = chunk.fitted.without_equations()
+    state = replace(fitted.fit.state, segments=tuple(part.segment for part in parts))
+    fitted = replace(fitted, fit=replace(fitted.fit, state=state))
     return FittedStretch(replace(chunk.readings, records=records), fitted, parts)
+
+
+def handed_on(before: FittedStretch, after: FittedStretch) -> tuple[FittedStretch, FittedStretch]:
+    """Two chunks, with what the readings of both bring by their quantities in the second: of many
+    chunks only its sum is asked for, and a matrix of each would take more memory than its readings.
+    """
+    total = by_source(before.parts + after.parts)
+    first, *others = (replace(part, by_source={}) for part in after.parts)
+    emptied = tuple(replace(part, by_source={}) for part in before.parts)
+    return (
+        replace(before, parts=emptied),
+        replace(after, parts=(replace(first, by_source=total), *others)),
+    )
+
+
+def by_source(parts: Sequence[SegmentEquations]) -> dict[Source, Array]:
+    """Quantity -> part of the normal matrix that its readings bring, shape (k, k)."""
+    found: dict[Source, Array] = {}
+    for part in parts:
+        for (owner, name), matrix in part.by_source.items():
+            source = (owner, name.removesuffix(AT_REST))
+            found[source] = found.get(source, 0.0) + matrix
+    return found
 
 
 def _equations_of(fitted: Fitted) -> Sequence[SegmentEquations]:

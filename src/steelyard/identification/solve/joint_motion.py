@@ -42,7 +42,13 @@ from steelyard.identification.solve.between_fits.lengths_by_tensions import (
 )
 from steelyard.identification.solve.conclusion import concluded, sound
 from steelyard.identification.solve.fit_state import FitState, Task, linearise, smooth
-from steelyard.identification.solve.fitted import Fitted, FittedStretch, stretch_of, without_knots
+from steelyard.identification.solve.fitted import (
+    Fitted,
+    FittedStretch,
+    handed_on,
+    stretch_of,
+    without_knots,
+)
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.long_recording import (
     lively_parts,
@@ -98,7 +104,7 @@ def fit_jointly(
         dense = average_dense(experiment, settings.motion)
         if moving_length(dense) > settings.long_jointly:
             return fit_by_windows(dense, start, tell, settings, vibrating)
-        return concluded([_whole(dense, start, tell, settings, vibrating)])
+        return concluded([stretch_of(*_whole(dense, start, tell, settings, vibrating))])
 
     return sound(posterior)
 
@@ -109,11 +115,11 @@ def _whole(
     tell: Tell,
     settings: FitSettings,
     vibrating: float,
-) -> FittedStretch:
+) -> tuple[Readings, Fitted]:
     """All of an experiment at once; arguments as of :func:`fit_jointly`."""
     readings = read(experiment, start, tell, settings=settings)
     begun = begin(readings, tell, thorough=False)
-    return stretch_of(readings, fit_readings(readings, begun, tell, vibrating=vibrating))
+    return readings, fit_readings(readings, begun, tell, vibrating=vibrating)
 
 
 def fit_by_windows(
@@ -130,13 +136,15 @@ def fit_by_windows(
     calibration, noise and disturbances that are given; what they say of these is added up.
     """
     lively = lively_parts(experiment, settings.part_jointly, settings)
-    stretch = _whole(lively, start, lambda what, done: tell(what, 0.2 * done), settings, vibrating)
-    part = stretch.fitted
-    if _on_finer_knots(stretch):
+    part, finer = _part_of(
+        lively, start, lambda what, done: tell(what, 0.2 * done), settings, vibrating
+    )
+    if finer:
         # What vibrates asks for knots that windows do not choose by themselves.
-        return concluded([_whole(experiment, start, tell, settings, vibrating)])
+        return concluded([stretch_of(*_whole(experiment, start, tell, settings, vibrating))])
     # Fewer stretches tell the scatter between them as well, and matrices of each take memory.
-    wide = replace(settings, block=settings.long_block)
+    longest = moving_length(experiment) / settings.most_long_blocks
+    wide = replace(settings, block=max(settings.long_block, longest))
     part = replace(part, task=replace(part.task, settings=wide))
     runs = list(windows(experiment, settings))
     for _ in range(settings.most_passes):
@@ -145,8 +153,12 @@ def fit_by_windows(
             tell("window by window", 0.2 + 0.75 * i / len(runs))
             # What stays of each window is made between large matrices.
             give_back()
-            found += _about(part, experiment, run)
+            for window in _about(part, experiment, run):
+                if found:
+                    found[-1], window = handed_on(found[-1], window)
+                found.append(window)
         found[-1] = _with_all_contacts(found)
+        give_back()
         whole = concluded(found)
         about, there = part.fit.state, whole.fit.state
         assert about.parameters is not None
@@ -159,13 +171,22 @@ def fit_by_windows(
     return whole
 
 
-def _on_finer_knots(stretch: FittedStretch) -> bool:
-    """Whether a fit has taken finer knots than its readings begin with."""
+def _part_of(
+    lively: Experiment,
+    start: CalibrationValues | None,
+    tell: Tell,
+    settings: FitSettings,
+    vibrating: float,
+) -> tuple[Fitted, bool]:
+    """The fit of a part, without the large matrices of its knots, and whether it has taken finer
+    knots than its readings begin with; arguments as of :func:`fit_jointly`.
+    """
+    readings, fitted = _whole(lively, start, tell, settings, vibrating)
     own, first = (
         min((each.spacing for each in segments if not each.static), default=np.inf)
-        for segments in (stretch.fitted.fit.state.segments, stretch.readings.segments)
+        for segments in (fitted.fit.state.segments, readings.segments)
     )
-    return own < stretch.readings.settings.much_finer * first
+    return fitted.without_equations(), own < settings.much_finer * first
 
 
 def _about(part: Fitted, experiment: Experiment, run: Run) -> list[FittedStretch]:

@@ -245,6 +245,8 @@ class FitSettings:
     the whole says is one of a few 1-sigma of the whole, and linear."""
     long_block: float = 10.0
     """Least length of the stretches that are held against each other then [s]."""
+    most_long_blocks: int = 120
+    """Of such a recording: those of an hour would take as much memory as its readings."""
     most_passes: int = 3
     """Through the windows: one where the step is small, more where it is not."""
     small_step: float = 10.0

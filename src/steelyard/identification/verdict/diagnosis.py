@@ -69,7 +69,7 @@ def _swap(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
         (
             r
             for r, s in zip(experiment.runs, posterior.samples, strict=True)
-            if s.structure is not None
+            if s.tension is not None
         ),
         None,
     )

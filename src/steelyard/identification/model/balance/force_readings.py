@@ -25,7 +25,7 @@ UNMODELLED_PARTS: Mapping[Source, slice] = {
     (ROBOT, "unmodelled torque"): slice(3, 6),
 }
 """Processes that are parts of it -> where they stand in a wrench."""
-_AT_ONCE = 4096
+_AT_ONCE = 2048
 """Force readings whose rows are held at once: they depend on everything."""
 _LEFT_OUT = 1e2
 """1-sigma of a reading that is left out, in units of the largest reading: the balance goes on

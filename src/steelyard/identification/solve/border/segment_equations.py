@@ -20,7 +20,7 @@ from steelyard.identification.model.force_residuals import (
     WhitenedBalance,
     whitened_balance,
 )
-from steelyard.identification.model.motion_residuals import AT_ONCE, motion_residuals
+from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Label, Rows
 from steelyard.identification.model.sources import Source
@@ -30,6 +30,10 @@ from steelyard.identification.solve.border.stretches import by_stretches, number
 from steelyard.identification.solve.fit_state import FitState, Task
 from steelyard.identification.tally import Tally
 from steelyard.inertia import TEN
+
+_KEPT = 8192
+"""Samples of a segment whose rows are kept from one time to the next: they take 10 KiB of memory each,
+and to make them anew takes little longer where there are many."""
 
 
 class BalanceCourse(NamedTuple):
@@ -43,15 +47,13 @@ class BalanceCourse(NamedTuple):
     """On the platform, of the measured readings [N], [N m], shape (n, 6)."""
     carried: Array
     """Tension, or wrench, of the corrected readings, shape (n, m) or (n, 6)."""
-    structure: Array | None
-    """Shape (n, 6, m); None without cables."""
     told: NDArray[np.bool_]
     """Samples of which the motion is known, shape (n,)."""
 
     @classmethod
     def of(cls, at: Balance | BalanceCourse) -> BalanceCourse:
         """Of a balance, or of what is kept of one."""
-        return cls(at.time, at.motion, at.wrench, at.carried, at.structure, at.told)
+        return cls(at.time, at.motion, at.wrench, at.carried, at.told)
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,7 +290,7 @@ class _RowsOfSegment:
     def _once(self, name: str, make: Callable[[], Iterator[Any]]) -> Iterable[Any]:
         """What is made, kept where it is little."""
         lengths = [len(self.forces.time), *(len(each.time) for each in self.segment.readings)]
-        if max(lengths) > AT_ONCE:
+        if max(lengths) > _KEPT:
             return make()
         if name not in self.kept:
             self.kept[name] = list(make())
