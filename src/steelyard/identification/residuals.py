@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from steelyard.arrays import Array
 from steelyard.dynamics import platform_wrench
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
-from steelyard.identification.model.balance import Balance, Forces, balance_of, parts_of
+from steelyard.identification.model.balance import Forces, balance_of, parts_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.carried_tensions import carried_tensions
 from steelyard.identification.model.followed_tensions import Carried, stretching
@@ -151,39 +152,30 @@ def _forces(
     if all(forces.guessed.all() for _, forces in own):
         return
     assert state.parameters is not None
-    calibration, parameters, factors = state.calibration, state.parameters, state.factors
-    parts: list[tuple[Segment, Forces, Balance]] = []
-    for segment, forces in own:
-        for part in parts_of(experiment, segment, forces, calibration):
-            parts.append(
-                (
-                    segment,
-                    part,
-                    balance_of(experiment, segment, part, calibration, parameters, factors),
-                ),
-            )
-    segment, force_samples, _ = parts[0]
-    time = np.concatenate(
-        [_common(experiment, a, calibration, f.name, f.time) for a, f, _ in parts]
-    )
-    wrench = np.concatenate([b.wrench for *_, b in parts])
-    over = np.concatenate([b.left_over for *_, b in parts])
+    segment, force_samples = own[0]
+    parts = [
+        _looked_at(experiment, segment, part, state)
+        for segment, forces in own
+        for part in parts_of(experiment, segment, forces, state.calibration)
+    ]
+    time = np.concatenate([each.time for each in parts])
+    wrench = np.concatenate([each.wrench for each in parts])
+    over = np.concatenate([each.left_over for each in parts])
     # The noise of the wrench differs from pose to pose; its middle will do for a picture.
-    sigma = np.sqrt(np.median(np.concatenate([b.noise.variance for *_, b in parts]), axis=0))
-    left_out = np.concatenate([f.left_out | f.guessed for _, f, _ in parts])
+    sigma = np.sqrt(np.median(np.concatenate([each.variance for each in parts]), axis=0))
+    left_out = np.concatenate([each.left_out for each in parts])
     lost = np.broadcast_to(left_out.any(axis=1, keepdims=True), wrench.shape)
     yield from _wrench(run.name, time, wrench, wrench - over, sigma, lost, static=segment.static)
+    corrections = np.concatenate([each.correction for each in parts])
     column = 0
     instrument = experiment.instruments[force_samples.name]
     for quantity, values in force_samples.readings.items():
         place = slice(column, column + values.shape[1])
         column = place.stop
-        measured = np.concatenate([f.readings[quantity] for _, f, _ in parts])
-        factor = factors.get(segment.label(force_samples.name, quantity), 1.0)
+        measured = np.concatenate([forces.readings[quantity] for _, forces in own])
+        factor = state.factors.get(segment.label(force_samples.name, quantity), 1.0)
         own_sigma = force_samples.sigma[place] * factor
-        correction = np.concatenate(
-            [b.correction[:, place] * f.sigmas(a, factors)[:, place] for a, f, b in parts]
-        )
+        correction = corrections[:, place]
         yield Residuals(
             run.name,
             force_samples.name,
@@ -198,6 +190,40 @@ def _forces(
             left_out[:, place],
             segment.static,
         )
+
+
+class _LookedAt(NamedTuple):
+    """Of a balance of some samples what is drawn of it: it is much larger itself."""
+
+    time: Array
+    """In common time [s], shape (n,)."""
+    wrench: Array
+    """Shape (n, 6)."""
+    left_over: Array
+    """Shape (n, 6)."""
+    variance: Array
+    """Of the noise of the wrench, shape (n, 6)."""
+    correction: Array
+    """Of the readings, in their units, shape (n, c)."""
+    left_out: NDArray[np.bool_]
+    """Readings that do not count, shape (n, c)."""
+
+
+def _looked_at(
+    experiment: Experiment, segment: Segment, forces: Forces, state: FitState
+) -> _LookedAt:
+    """Some samples of a segment."""
+    calibration, factors = state.calibration, state.factors
+    assert state.parameters is not None
+    at = balance_of(experiment, segment, forces, calibration, state.parameters, factors)
+    return _LookedAt(
+        _common(experiment, segment, calibration, forces.name, forces.time),
+        at.wrench,
+        at.left_over,
+        at.noise.variance,
+        at.correction * forces.sigmas(segment, factors),
+        forces.left_out | forces.guessed,
+    )
 
 
 def _wrench(

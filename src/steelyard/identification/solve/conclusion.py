@@ -137,7 +137,9 @@ def concluded(chunks: Sequence[FittedStretch], *, courses: bool = True) -> Poste
     wide = enlarged(solution, blocks, result.told, freedom, task.settings)
     # What the verdict asks is how the forces compare with what was stated of them.
     wide = replace(wide, ratio=_force_ratio(found, sources, task.stated))
-    moving = [part for part in parts if courses and not part.segment.static]
+    # Balances of an hour take as much memory as the motion that is drawn now: nobody else has them.
+    moving = [replace(part, balances=()) for part in parts if courses and not part.segment.static]
+    del chunks, parts
     motion = tuple(_motion_of(part, state, wide.covariance, estimated) for part in moving)
     return replace(result, solution=wide, motion=motion)
 

@@ -103,7 +103,10 @@ def fit_jointly(
     def posterior() -> Posterior:
         dense = average_dense(experiment, settings.motion)
         if moving_length(dense) > settings.long_jointly:
-            return fit_by_windows(dense, start, tell, settings, vibrating)
+            found = fit_by_windows(dense, start, tell, settings, vibrating)
+            # What is looked at of it takes memory of its own.
+            give_back()
+            return found
         return concluded([stretch_of(*_whole(dense, start, tell, settings, vibrating))])
 
     return sound(posterior)
@@ -148,18 +151,7 @@ def fit_by_windows(
     part = replace(part, task=replace(part.task, settings=wide))
     runs = list(windows(experiment, settings))
     for _ in range(settings.most_passes):
-        found: list[FittedStretch] = []
-        for i, run in enumerate(runs):
-            tell("window by window", 0.2 + 0.75 * i / len(runs))
-            # What stays of each window is made between large matrices.
-            give_back()
-            for window in _about(part, experiment, run):
-                if found:
-                    found[-1], window = handed_on(found[-1], window)
-                found.append(window)
-        found[-1] = _with_all_contacts(found)
-        give_back()
-        whole = concluded(found)
+        whole = concluded(_windows_about(part, experiment, runs, tell))
         about, there = part.fit.state, whole.fit.state
         assert about.parameters is not None
         deviation = np.sqrt(np.maximum(np.diag(whole.solution.covariance)[:TEN], 0.0))
@@ -169,6 +161,26 @@ def fit_by_windows(
         about = replace(about, calibration=there.calibration, parameters=there.parameters)
         part = replace(part, fit=replace(part.fit, state=about))
     return whole
+
+
+def _windows_about(
+    part: Fitted, experiment: Experiment, runs: Sequence[Run], tell: Tell
+) -> list[FittedStretch]:
+    """Windows of a long recording about what a part of it tells; the last one has what was left out of
+    all of them.
+    """
+    found: list[FittedStretch] = []
+    for i, run in enumerate(runs):
+        tell("window by window", 0.2 + 0.75 * i / len(runs))
+        # What stays of each window is made between large matrices.
+        give_back()
+        for window in _about(part, experiment, run):
+            if found:
+                found[-1], window = handed_on(found[-1], window)
+            found.append(window)
+    found[-1] = _with_all_contacts(found)
+    give_back()
+    return found
 
 
 def _part_of(

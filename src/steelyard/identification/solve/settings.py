@@ -187,6 +187,9 @@ class FitSettings:
     suspicious: float = 4.0
     """Standard normal score from which such an error is estimated: one in a thousand sound
     recordings, over all of them."""
+    needless: float = 3.3
+    """Standard normal score below which one is none after all, beside processes that came later: one
+    that is there is not to be lost for a score just below the former, to be named by the verdict."""
     suspicions: int = 3
     """Times that this is looked at: one error may stand in for another."""
 

@@ -124,7 +124,7 @@ def without_needless(
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
-    limit = 2 * float(normal_tail(task.settings.suspicious))
+    limit = 2 * float(normal_tail(task.settings.needless))
     while True:
         groups: dict[Key, list[Key]] = {}
         absent = asked_for(task, before)
