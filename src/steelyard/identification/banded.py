@@ -138,6 +138,21 @@ def banded_product(band: Array, vector: Array) -> Array:
     return np.asarray(np.column_stack(product) if vector.ndim == 2 else product[0])
 
 
+def banded_square(columns: Array, width: int) -> Array:
+    """Product of a matrix with its own transpose within a band, lower banded form, shape (width, n).
+
+    Args:
+        columns: Shape (n, c).
+        width: Diagonals, the middle one and those below it.
+    """
+    found = np.zeros((width, len(columns)))
+    for d in range(min(width, len(columns))):
+        found[d, : len(columns) - d] = np.einsum(
+            "ic,ic->i", columns[d:], columns[: len(columns) - d]
+        )
+    return found
+
+
 def banded_sum(bands: Iterable[Array]) -> Array:
     """Sum of symmetric matrices in lower banded form, as wide as the widest of them.
 

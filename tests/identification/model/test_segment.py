@@ -6,7 +6,12 @@ import pytest
 from scipy.interpolate import BSpline
 from scipy.linalg import cholesky_banded
 
-from steelyard.identification.banded import banded_product, banded_trace, solved
+from steelyard.identification.banded import (
+    banded_product,
+    banded_square,
+    banded_trace,
+    solved,
+)
 from steelyard.identification.model.segment import (
     POSE,
     WIDTH,
@@ -390,6 +395,16 @@ def test_a_banded_product_is_the_dense_one(rng, size, width):
     band, before = in_band(dense, width), vector.copy()
     np.testing.assert_allclose(banded_product(band, vector), dense @ vector, rtol=ROUNDING)
     np.testing.assert_array_equal(vector, before)
+
+
+@pytest.mark.parametrize(("size", "width"), [(1, 1), (3, 7), (20, 7)])
+def test_a_banded_square_is_the_dense_one_within_its_band(rng, size, width):
+    columns = rng.normal(size=(size, 4))
+    dense = columns @ columns.T
+    found = banded_square(columns, width)
+    for d in range(width):
+        np.testing.assert_allclose(found[d, : max(size - d, 0)], np.diag(dense, -d), rtol=ROUNDING)
+        assert not found[d, max(size - d, 0) :].any()
 
 
 @pytest.mark.parametrize(("size", "width"), [(1, 1), (5, 1), (7, 7), (20, 7), (90, WIDTH)])

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from steelyard.arrays import Array
-from steelyard.identification.banded import banded_trace
+from steelyard.identification.banded import banded_square, banded_trace
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.settings import MOTION, MotionSettings
@@ -176,20 +176,16 @@ def _evidence(
         settled = own.coefficients + step.reshape(-1, own.block)
         root = None if border is None else whole.followed @ border.root
         for each in own.processes:
-            place = own.process_places[each.source]
-            inverse = [
-                whole.inverse[:: own.block, i :: own.block] for i in range(place.start, place.stop)
-            ]
+            place, width = own.process_places[each.source], len(each.precision)
+            square = banded_square(settled[:, place], width)
+            if root is not None:
+                by_border = root.reshape(-1, own.block, root.shape[1])[:, place]
+                square += banded_square(by_border.reshape(len(by_border), -1), width)
+            for i in range(place.start, place.stop):
+                square += whole.inverse[: width * own.block : own.block, i :: own.block]
             for i, change in enumerate(each.changes):
-                cost = each.cost(settled[:, place], change)
-                known = sum(banded_trace(change, part) for part in inverse)
-                if root is not None:
-                    known += sum(
-                        each.cost(root[k :: own.block], change)
-                        for k in range(place.start, place.stop)
-                    )
                 free = each.components * each.log_determinant_changes[i]
-                gradient[each.source][i] += 0.5 * (free - known - cost)
+                gradient[each.source][i] += 0.5 * (free - banded_trace(change, square))
     return total, np.concatenate(list(gradient.values()))
 
 
