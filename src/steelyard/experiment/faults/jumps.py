@@ -28,16 +28,19 @@ class JumpSettings:
 
     short: int = 4
     """Samples of short lines at most."""
-    long: int = 12
+    long: int = 50
     """Samples of long ones at most."""
+    scatter: float = 0.3
+    """Usual scatter of the steps of time, in their middle one, from which on short lines tell nothing:
+    samples around a jump come by turns."""
     straight: float = 0.05
     """Time [s] for which a motion is nearly straight, which lines of more than two samples keep to."""
     around: int = 51
     """Differences around one that show what is usual: tenths of a second of a tracker."""
     usual: float = 80.0
     """Percentile of them that is usual: neighbouring jumps are beyond it."""
-    edge: float = 6.0
-    """Difference in units of the usual, over all axes, that is a jump: eight 1-sigma of white noise."""
+    edge: float = 5.0
+    """Difference in units of the usual, over all axes, that is a jump: six 1-sigma of white noise."""
     least: float = 0.002
     """Jump [m] below which it is noise: one that robust weights cope with."""
     sudden: float = 10.0
@@ -91,8 +94,12 @@ def jumps(time: Array, values: Array, settings: JumpSettings = JUMPS) -> list[Ju
 
 def _widths(time: Array, settings: JumpSettings) -> list[int]:
     """Samples of short and long lines; of slow trackers both are the same."""
-    straight = int(settings.straight / max(float(np.median(np.diff(time))), 1e-9))
-    return sorted({max(2, min(straight, most)) for most in (settings.short, settings.long)})
+    steps = np.diff(time)
+    usual = max(float(np.median(steps)), 1e-9)
+    straight = int(settings.straight / usual)
+    short, long = (max(2, min(straight, most)) for most in (settings.short, settings.long))
+    scatters = float(np.median(np.abs(steps - usual))) > settings.scatter * usual
+    return [long] if scatters or long == short else [short, long]
 
 
 def _apart(found: Sequence[Jump]) -> Iterator[Jump]:
