@@ -352,11 +352,17 @@ class Experiment:
         if run.static:
             return run.streams[name].time
         late = self._mean_delay(run, name) if delay is None else delay
+        return run.streams[name].time - self.event_times(run)[name] - late
+
+    def event_times(self, run: Run) -> Mapping[str, float]:
+        """Instrument -> time on its clock from which a run in motion is counted [s]: that of the common
+        event, or of the first force sample. A run whose samples are others has to be given it.
+        """
         if run.sync:
-            return run.streams[name].time - run.sync[name] - late
+            return run.sync
         reference = self.force_instrument(run)
-        origin = run.streams[reference].time[0] if reference else 0.0
-        return run.streams[name].time - origin - late
+        origin = float(run.streams[reference].time[0]) if reference else 0.0
+        return dict.fromkeys(run.streams, origin)
 
     def _mean_delay(self, run: Run, name: str) -> float:
         """Delay of an instrument's clock as known beforehand [s]."""

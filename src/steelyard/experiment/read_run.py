@@ -21,7 +21,7 @@ from steelyard.files.document import YamlDocument
 from steelyard.logs.log import Log, NoRowsError
 from steelyard.robot.model import Robot
 
-_BESIDE = 5.0
+BESIDE = 5.0
 """Of a stream beside the window of its run that is read along [s]: clocks may differ by their
 delays, filters have edges."""
 
@@ -120,7 +120,7 @@ def _spans(
         sync = dict.fromkeys(timed if form.sync != "auto" else [force], event)
     start, end = form.window
     return sync, {
-        name: (event + start - _BESIDE, event + end + _BESIDE) for name, event in sync.items()
+        name: (event + start - BESIDE, event + end + BESIDE) for name, event in sync.items()
     }
 
 

@@ -216,12 +216,14 @@ def _looked_at(
     calibration, factors = state.calibration, state.factors
     assert state.parameters is not None
     at = balance_of(experiment, segment, forces, calibration, state.parameters, factors)
+    # Of readings only: what the balance itself is off by may come after them.
+    sigma = forces.sigmas(segment, factors)
     return _LookedAt(
         _common(experiment, segment, calibration, forces.name, forces.time),
         at.wrench,
         at.left_over,
         at.noise.variance,
-        at.correction * forces.sigmas(segment, factors),
+        at.correction[:, : sigma.shape[1]] * sigma,
         forces.left_out | forces.guessed,
     )
 

@@ -55,10 +55,7 @@ def _rate(runs: list[Run], name: str) -> float:
 def _cut(experiment: Experiment, run: Run, excerpt: Excerpt, often: dict[str, int]) -> Run:
     """What an excerpt shows of a run, its fast streams averaged."""
     streams = {name: _averaged(stream, often.get(name, 1)) for name, stream in run.streams.items()}
-    # Averaging moves the first force sample, by which times without 'sync' are counted.
-    force = experiment.force_instrument(run)
-    first = float(run.streams[force].time[0]) if force else 0.0
-    sync = run.sync or dict.fromkeys(run.streams, first)
+    sync = experiment.event_times(run)
     return replace(run, streams=streams, sync=sync, window=excerpt.window)
 
 

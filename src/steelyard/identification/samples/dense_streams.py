@@ -56,10 +56,7 @@ def _averaged_run(
     }
     if all(streams[name] is stream for name, stream in run.streams.items()):
         return run
-    # Without a common event it is the first sample of the forces, which is in a mean now.
-    reference = experiment.force_instrument(run)
-    origin = float(run.streams[reference].time[0]) if reference else 0.0
-    return replace(run, streams=streams, sync=run.sync or dict.fromkeys(streams, origin))
+    return replace(run, streams=streams, sync=experiment.event_times(run))
 
 
 def averaged(stream: Stream, longest: float, settings: MotionSettings = MOTION) -> Stream:

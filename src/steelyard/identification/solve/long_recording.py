@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from steelyard.experiment.model import Experiment
+from steelyard.experiment.read_run import BESIDE
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import integrals_of
@@ -54,7 +55,18 @@ def windows(experiment: Experiment, settings: FitSettings = FIT) -> Iterator[Run
         start, end = span_of(experiment, run)
         edges = np.linspace(start, end, max(1, round((end - start) / settings.window)) + 1)
         for first, last in pairwise(edges):
-            yield replace(run, window=(float(first), float(last)))
+            yield _within(experiment, run, float(first), float(last))
+
+
+def _within(experiment: Experiment, run: Run, first: float, last: float) -> Run:
+    """A window of a run, with what of its streams is read of one: what looks at a whole stream, as for
+    jumps, would look at all of it again for each.
+    """
+    streams = {}
+    for name, stream in run.streams.items():
+        time = experiment.common_time(run, name)
+        streams[name] = stream.at_rows((time >= first - BESIDE) & (time <= last + BESIDE))
+    return replace(run, streams=streams, sync=experiment.event_times(run), window=(first, last))
 
 
 def window_about(

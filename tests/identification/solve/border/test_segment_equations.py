@@ -28,7 +28,7 @@ def test_rows_that_are_made_twice_say_what_rows_that_are_kept_say(monkeypatch):
     (segment,), (forces,) = fitted.fit.state.segments, fitted.force_samples
     given = (fitted.task, fitted.fit.state, segment, forces, None)
     kept = segment_equations(*given, run=0)
-    monkeypatch.setattr(module, "AT_ONCE", 10)
+    monkeypatch.setattr(module, "_KEPT", 10)
     monkeypatch.setattr(Forces, "parts", lambda self: in_parts(self, 40))
     again = segment_equations(*given, run=0)
     assert len(kept.balances) == 1
