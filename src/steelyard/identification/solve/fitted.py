@@ -87,8 +87,8 @@ def stretch_of(readings: Readings, fitted: Fitted) -> FittedStretch:
 
 
 def without_knots(chunk: FittedStretch) -> FittedStretch:
-    """A chunk without what has done its work: the large matrices of its knots, its readings beside
-    those of its segments, the noise of its balance. How the motion follows the border is drawn, not
+    """A chunk without what has done its work: the large matrices of its knots, its streams and
+    readings beside those of its segments, the noise of its balance. How the motion follows the border is drawn, not
     computed with.
     """
     estimated = estimated_columns(chunk.fitted.task)
@@ -105,7 +105,8 @@ def without_knots(chunk: FittedStretch) -> FittedStretch:
     fitted = chunk.fitted.without_equations()
     state = replace(fitted.fit.state, segments=tuple(part.segment for part in parts))
     fitted = replace(fitted, fit=replace(fitted.fit, state=state))
-    return FittedStretch(replace(chunk.readings, records=records), fitted, parts)
+    runs = tuple(replace(run, streams={}) for run in chunk.readings.runs)
+    return FittedStretch(replace(chunk.readings, runs=runs, records=records), fitted, parts)
 
 
 def handed_on(before: FittedStretch, after: FittedStretch) -> tuple[FittedStretch, FittedStretch]:
