@@ -88,8 +88,8 @@ def stretch_of(readings: Readings, fitted: Fitted) -> FittedStretch:
 
 def without_knots(chunk: FittedStretch) -> FittedStretch:
     """A chunk without what has done its work: the large matrices of its knots, its streams and
-    readings beside those of its segments, the noise of its balance. How the motion follows the border is drawn, not
-    computed with.
+    readings beside those of its segments, the noise of its balance. How the motion follows the
+    border is drawn, not computed with.
     """
     estimated = estimated_columns(chunk.fitted.task)
     parts = tuple(
