@@ -23,7 +23,7 @@ from steelyard.identification.model.force_residuals import BALANCE, force_residu
 from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.motion_segment import PARTS, Segment
 from steelyard.identification.model.segment import POSE, Rows, basis
-from steelyard.identification.solve import joint_motion
+from steelyard.identification.solve import fit_readings
 from steelyard.identification.solve.between_fits import cuts, lengths_by_tensions
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
@@ -214,7 +214,7 @@ def noticed(experiment: Experiment) -> list[tuple[Task, FitState, Fit]]:
         fits.append((task, state, found))
         return found
 
-    fitting = (joint_motion, cuts, lengths_by_tensions)
+    fitting = (fit_readings, cuts, lengths_by_tensions)
     for module in fitting:
         module.fit = noticing
     try:

@@ -28,10 +28,10 @@ from steelyard.identification.solve.beginning.begin import Beginning, NoBalanceE
 from steelyard.identification.solve.beginning.motion_task import motion_task
 from steelyard.identification.solve.beginning.readings import Readings, read
 from steelyard.identification.solve.conclusion import concluded, sound
+from steelyard.identification.solve.fit_readings import fit_readings
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.fitted import stretch_of
 from steelyard.identification.solve.joint_fit import fit
-from steelyard.identification.solve.joint_motion import fit_readings
 from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import TEN

@@ -13,17 +13,13 @@ from steelyard.experiment.form import (
     ExperimentForm,
     RunForm,
 )
-from steelyard.experiment.recording import Run
+from steelyard.experiment.recording import BESIDE, Run
 from steelyard.experiment.streams.log_columns import needed_columns
 from steelyard.experiment.streams.place import StreamPlace
 from steelyard.experiment.streams.read_stream import first_time, read_stream
 from steelyard.files.document import YamlDocument
 from steelyard.logs.log import Log, NoRowsError
 from steelyard.robot.model import Robot
-
-BESIDE = 5.0
-"""Of a stream beside the window of its run that is read along [s]: clocks may differ by their
-delays, filters have edges."""
 
 
 def read_run(

@@ -70,6 +70,11 @@ class Stream:
         return f"{len(self)} samples from {first:.2f} to {last:.2f} s{rate}"
 
 
+BESIDE = 5.0
+"""Of a stream beside the window of its run that is read along [s]: clocks may differ by their
+delays, filters have edges."""
+
+
 @dataclass(frozen=True, eq=False)
 class Run:
     """One recording."""

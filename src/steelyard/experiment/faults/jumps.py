@@ -83,19 +83,25 @@ def jumps(time: Array, values: Array, settings: JumpSettings = JUMPS) -> list[Ju
     if len(there) < settings.around:
         return []
     elsewhere, found = np.zeros(len(values), dtype=bool), list[Jump]()
-    for width in _widths(time[there], settings):
+    steps = np.diff(time[there])
+    usual = max(float(np.median(steps)), 1e-9)
+    for width in _widths(steps, usual, settings):
         own = there[~elsewhere[there]]
-        for first, end, size in _pairs(time[own], values[own], width, settings):
+        for first, end, size in _pairs(time[own], values[own], usual, width, settings):
             found.append(Jump(int(own[first]), int(own[end - 1]) + 1, size))
             elsewhere[found[-1].first : found[-1].end] = True
     left_out = int(np.sum(elsewhere[there]))
     return list(_apart(found)) if left_out <= settings.rule * len(there) else []
 
 
-def _widths(time: Array, settings: JumpSettings) -> list[int]:
-    """Samples of short and long lines; of slow trackers both are the same."""
-    steps = np.diff(time)
-    usual = max(float(np.median(steps)), 1e-9)
+def _widths(steps: Array, usual: float, settings: JumpSettings) -> list[int]:
+    """Samples of short and long lines; of slow trackers both are the same.
+
+    Args:
+        steps: From each sample to the next [s], shape (n - 1,).
+        usual: Their middle one [s].
+        settings: How long lines are.
+    """
     straight = int(settings.straight / usual)
     short, long = (max(2, min(straight, most)) for most in (settings.short, settings.long))
     scatters = float(np.median(np.abs(steps - usual))) > settings.scatter * usual
@@ -117,17 +123,16 @@ def _apart(found: Sequence[Jump]) -> Iterator[Jump]:
 
 
 def _pairs(
-    time: Array, values: Array, width: int, settings: JumpSettings
+    time: Array, values: Array, usual: float, width: int, settings: JumpSettings
 ) -> Iterator[tuple[int, int, float]]:
     """First sample, the one after the last, and size of every stretch."""
     if len(time) < 2 * width:
         return
-    changes, lever = _across(time, values, width, settings)
+    changes, lever = _across(time, values, width, settings.gap * width * usual)
     edges = list(_edges(changes, lever, width, settings))
     # Around an edge that short lines do not see samples of both places may come by turns.
     blurred = width // 4 if width > settings.short else 0
-    least = settings.sudden * (width * float(np.median(np.diff(time)))) ** 2 / 12
-    least = max(settings.least, least)
+    least = max(settings.least, settings.sudden * (width * usual) ** 2 / 12)
     while edges:
         start = edges.pop(0)
         size = float(np.linalg.norm(changes[start]))
@@ -160,14 +165,13 @@ def _way_back(
     return next(alone, None)
 
 
-def _across(time: Array, values: Array, width: int, settings: JumpSettings) -> tuple[Array, Array]:
+def _across(time: Array, values: Array, width: int, longest: float) -> tuple[Array, Array]:
     """Differences between lines through some samples after and before the middle of two, there, shape
-    (n - 1, 3), and what they make of noise, shape (n - 1,); zero and one where there are no such
-    samples around.
+    (n - 1, 3), and what they make of noise, shape (n - 1,); zero and one where no such samples lie
+    within so long [s].
     """
     found, lever = np.zeros((len(time) - 1, values.shape[1])), np.ones(len(time) - 1)
     middle = (time[1:] + time[:-1]) / 2
-    longest = settings.gap * width * float(np.median(np.diff(time)))
     times = np.lib.stride_tricks.sliding_window_view(time, width)
     places = np.lib.stride_tricks.sliding_window_view(values, width, axis=0)
     for begin in range(0, len(time) + 1 - 2 * width, _AT_ONCE):

@@ -112,18 +112,9 @@ class Process:
         )
         return -2.0 * self.precision.shape[1], (longer - shorter) / (2 * _LOG_STEP)
 
-    def cost(self, coefficients: Array, matrix: Array) -> float:
-        """Quadratic cost of the coefficients of all components, or of any columns.
-
-        Args:
-            coefficients: Shape (f, p).
-            matrix: Of one component, lower banded form, shape (6, f).
-        """
-        return float(np.vdot(coefficients, banded_product(matrix, coefficients)))
-
     def roughness(self, coefficients: Array) -> float:
         """Cost of the coefficients of all components, shape (f, p)."""
-        return self.cost(coefficients, self.precision)
+        return float(np.vdot(coefficients, banded_product(self.precision, coefficients)))
 
     def at(self, level: float, time: float) -> Process:
         """The same of another level and correlation time."""

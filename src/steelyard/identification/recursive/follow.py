@@ -32,8 +32,8 @@ from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.beginning.begin import begin as started
 from steelyard.identification.solve.beginning.readings import Tell, read
 from steelyard.identification.solve.border.segment_equations import segment_equations
+from steelyard.identification.solve.fit_readings import fit_readings
 from steelyard.identification.solve.fit_state import FitState
-from steelyard.identification.solve.joint_motion import fit_readings
 from steelyard.identification.solve.long_recording import span_of
 from steelyard.identification.solve.settings import FIT, FitSettings
 

@@ -11,8 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from steelyard.experiment.model import Experiment
-from steelyard.experiment.read_run import BESIDE
-from steelyard.experiment.recording import Run
+from steelyard.experiment.recording import BESIDE, Run
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import integrals_of
 from steelyard.identification.model.sources import choose_sources
