@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,8 +16,8 @@ from steelyard.experiment.recording import Run
 from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.recursive.events import advanced, followed_on
-from steelyard.identification.recursive.follow import LOST, begin
-from steelyard.identification.recursive.following import Event, Following
+from steelyard.identification.recursive.follow import begin
+from steelyard.identification.recursive.following import LOST, Event, Following, UnreadError
 from steelyard.identification.recursive.outlook import seconds_until
 from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.live.buffer import Buffer, part_of
@@ -114,8 +115,9 @@ class Session:
         if found.paused is not None:
             return found, _estimate(following)
         newest = max(found.last.values())
-        while following.window.grid.span(following.number)[0] < newest and following.has(found.run):
-            following = advanced(following, found.run)
+        with suppress(UnreadError):
+            while following.window.grid.span(following.number)[0] < newest:
+                following = advanced(following, found.run)
         return replace(found, following=following), _estimate(following.ended())
 
     def _begun(self) -> Session:
@@ -220,10 +222,8 @@ class Session:
         if before is None or found.paused is not None:
             return found, []
         try:
-            following = followed_on(before, found.run) if before.has(found.run) else None
-        except LOST:
-            following = None
-        if following is None:
+            following = followed_on(before, found.run)
+        except (UnreadError, *LOST):
             return found._lost(before), []
         found = replace(found, following=following, before=before)
         if following.is_beginning:

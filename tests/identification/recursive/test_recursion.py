@@ -241,6 +241,41 @@ def test_the_end_of_a_recording_is_known_as_by_the_whole_fit(points):
     assert ratio == pytest.approx(1.0, abs=0.05)
 
 
+def without(experiment, names, start, end):
+    """The experiment with nothing of some instruments for a while [s]."""
+    (run,) = experiment.runs
+    streams = dict(run.streams)
+    for name in names:
+        since = streams[name].time - streams[name].time[0]
+        streams[name] = streams[name].at_rows((since < start) | (since > end))
+    return replace(experiment, runs=(replace(run, streams=streams),))
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize(
+    ("lost", "start", "end"),
+    [
+        (("cables",), 2.0, 4.0),  # in the beginning
+        (("cables",), 12.0, 17.0),
+        (("imu", "tracker"), 9.0, 12.0),
+        (("cables", "imu", "tracker"), 9.0, 12.0),
+        (("imu", "tracker"), 15.0, np.inf),
+        (("tracker",), 12.0, 17.0),
+    ],
+)
+def test_a_motion_goes_on_after_seconds_that_were_not_read(points, lost, start, end):
+    there = without(points, lost, start, end)
+    one, other = (
+        identify(there, name).estimates[name] for name in ("recursive", "maximum-likelihood")
+    )
+    assert (np.abs(one.value - other.value) < 0.5 * other.standard_deviation).all()
+    assert one.standard_deviation == pytest.approx(other.standard_deviation, rel=0.1)
+    assert one.verdict.accepted
+    # A tracker alone is not needed, and what has ended does not read again.
+    again = lost != ("tracker",) and np.isfinite(end)
+    assert any("not all instruments read" in note for note in one.notes) == again
+
+
 @pytest.mark.integration
 def test_what_is_known_grows_with_time(points):
     instants = None

@@ -1,12 +1,13 @@
 """Motion and forces of a long recording, window by window, against all of it at once."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from simulated import ROBOT, Loaded, Recorder, Touched, payload
+from simulated import ROBOT, TRUTH, Loaded, Recorder, Touched, payload
 
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.settings import FIT
 from steelyard.simulation.trajectories import feasible_multisine
@@ -84,3 +85,58 @@ def test_a_step_that_is_far_is_taken_again(recorded, small, passes):
         settings=replace(WINDOWS, small_step=small, most_passes=2),
     )
     assert sum(what.endswith("window by window") for what, _ in told) == passes * 3
+
+
+def without(experiment, name, start, end):
+    """The experiment with nothing of an instrument for a while [s]."""
+    (run,) = experiment.runs
+    stream = run.streams[name]
+    since = stream.time - stream.time[0]
+    stream = stream.at_rows((since < start) | (since > end))
+    return replace(experiment, runs=(replace(run, streams={**run.streams, name: stream}),))
+
+
+@pytest.mark.parametrize("fitted", [fit_jointly, fit_with_held_motion])
+@pytest.mark.parametrize("lost", ["tracker", "imu", "cables"])
+def test_windows_that_tell_nothing_are_left_out_with_a_note(recorded, lost, fitted):
+    """No stream has a reading within or about windows of the middle."""
+    found = fitted(
+        without(recorded, lost, 12.0, 28.0),
+        settings=replace(WINDOWS, window=4.0, part_jointly=10.0, long=20.0, part=10.0),
+    )
+    assert any("12 to 28 s are left out" in note for note in found.notes)
+    whole = fitted(recorded)
+    off = found.parameters - whole.parameters
+    assert (np.abs(off) < 2 * np.sqrt(np.diag(found.solution.covariance)[:10])).all()
+    time = found.samples[0].time
+    assert not np.any((time > 12.5) & (time < 27.5))
+
+
+@dataclass(frozen=True)
+class Interrupted:
+    """A motion, a pause, and the same motion again."""
+
+    trajectory: object
+    pause: float
+
+    @property
+    def duration(self):
+        return 2 * self.trajectory.duration + self.pause
+
+    def derivative(self, t, order):
+        again = np.maximum(t - self.trajectory.duration - self.pause, 0.0)
+        first = t <= self.trajectory.duration
+        return self.trajectory.derivative(np.where(first, t, again), order)
+
+
+def test_a_platform_may_rest_for_a_while():
+    """Its windows are left out with a note."""
+    trajectory = Interrupted(feasible_multisine(ROBOT, 12.0), 16.0)
+    experiment = Recorder(trajectory, following=True)(3)
+    settings = replace(WINDOWS, window=4.0, part_jointly=8.0)
+    found = MaximumLikelihood(settings=settings)(experiment)
+    (note,) = (each for each in found.notes if "nothing moves" in each)
+    assert "12 to 28 s are left out" in note
+    off = (found.value - TRUTH) / found.standard_deviation
+    assert np.mean(off**2) < 2.5
+    assert found.verdict.accepted, found.verdict.reasons

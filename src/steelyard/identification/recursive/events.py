@@ -32,6 +32,7 @@ def advanced(following: Following, run: Run) -> Following:
         run: With what has arrived.
 
     Raises:
+        UnreadError: Nothing has been read within it.
         numpy.linalg.LinAlgError: The motion is not determined.
         InfeasibleError: It is where cables cannot be.
     """
@@ -47,6 +48,7 @@ def followed_on(following: Following, run: Run) -> Following:
         run: With what has arrived.
 
     Raises:
+        UnreadError: Nothing has been read within it.
         numpy.linalg.LinAlgError: The motion is not determined.
         InfeasibleError: It is where cables cannot be.
     """

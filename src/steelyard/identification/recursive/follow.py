@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.errors import InfeasibleError, InputError
+from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.experiment.unread import without_constant_lengths
@@ -20,8 +20,10 @@ from steelyard.identification.model.processes import Process
 from steelyard.identification.recursive.arrivals import Likeness
 from steelyard.identification.recursive.events import advanced
 from steelyard.identification.recursive.following import (
+    LOST,
     Following,
     RunBeginning,
+    UnreadError,
     at_beginning,
     silent,
 )
@@ -36,9 +38,6 @@ from steelyard.identification.solve.fit_readings import fit_readings
 from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.long_recording import span_of
 from steelyard.identification.solve.settings import FIT, FitSettings
-
-LOST = (InfeasibleError, np.linalg.LinAlgError)
-"""Errors of a motion that cannot be followed."""
 
 
 def begin(
@@ -237,10 +236,14 @@ def follow(
             found = found.resumed(run, _beginning_of(found, run))
         _, end = span_of(experiment, run)
         while found.window.grid.span(found.number)[0] < end:
+            when, until = found.window.grid.span(found.number)
             try:
                 found = advanced(found, run)
+            except UnreadError:
+                found, later = _gone_on(found, run, (when, until))
+                if not later:
+                    break
             except LOST as error:
-                when = found.window.grid.span(found.number)[0]
                 raise NoBalanceError(
                     f"run '{run.name}': the motion was lost at {when:.1f} s, where what was read does"
                     " not go on from before; use maximum-likelihood, which takes a recording as a whole"
@@ -250,3 +253,53 @@ def follow(
             yield found
         found = found.ended()
     yield found
+
+
+def _gone_on(found: Following, run: Run, unread: tuple[float, float]) -> tuple[Following, bool]:
+    """The motion again from where all instruments that read again do, and whether it goes on; else it
+    ends where they no longer read.
+
+    Args:
+        found: Up to there.
+        run: With all of its readings.
+        unread: Beginning and end of the chunk that was not read [s].
+    """
+    experiment, (last, since) = found.experiment, unread
+    ended = found.ended()
+    while True:
+        later = _since(experiment, run, since)
+        if later is None:
+            return found, False
+        start, end = span_of(experiment, later)
+        try:
+            resumed = ended.resumed(later)
+        except (InputError, NoBalanceError, np.linalg.LinAlgError):
+            since = start + found.recursion.settings.begin
+            if since >= end:
+                return found, False
+            continue
+        note = f"run '{run.name}': nothing is told of {last:.1f} to {start:.1f} s, where not all instruments read"
+        begun = replace(resumed.begun, lost=(*resumed.begun.lost, note))
+        return replace(resumed, begun=begun), True
+
+
+def _since(experiment: Experiment, run: Run, since: float) -> Run | None:
+    """A run from where all instruments read that read again; None: forces or motion do not.
+
+    Args:
+        experiment: With the clocks.
+        run: With all of its readings.
+        since: Time from which on to look [s].
+    """
+    times = {name: experiment.common_time(run, name) for name in run.streams}
+    first = {
+        name: float(time[np.searchsorted(time, since)])
+        for name, time in times.items()
+        if len(time) and time[-1] > since
+    }
+    force = experiment.force_instrument(run)
+    if force not in first or len(first) == 1:
+        return None
+    start = max(first.values())
+    streams = {name: run.streams[name].at_rows(times[name] >= start) for name in first}
+    return replace(run, streams=streams, sync=experiment.event_times(run))

@@ -103,6 +103,10 @@ class RunBeginning:
     """With its motion and disturbances."""
 
 
+class UnreadError(Exception):
+    """Forces or motion have not been read for a while: a motion ends there, and may go on later."""
+
+
 @dataclass(frozen=True, eq=False)
 class Following:
     """A motion that is followed as it arrives."""
@@ -162,6 +166,7 @@ class Following:
             run: With what has arrived.
 
         Raises:
+            UnreadError: No forces, or no motion, have been read within it.
             numpy.linalg.LinAlgError: The motion is not determined.
             InfeasibleError: It is where cables cannot be.
         """
@@ -169,6 +174,8 @@ class Following:
         readings, forces = within(
             self.experiment, run, self.like, self.recursion.state.calibration, span
         )
+        if not readings or not len(forces.time):
+            raise UnreadError
         recursion = arrived(self.recursion, readings, forces, self._motion(self.number))
         return replace(self, recursion=recursion, number=self.number + 1)
 
@@ -185,17 +192,6 @@ class Following:
         window = self.window
         is_long = len(window.chunks) * window.grid.length > self.recursion.settings.lag
         return self.passed() if is_long else self
-
-    def has(self, run: Run) -> bool:
-        """Whether forces and motion have been read within the next chunk.
-
-        Args:
-            run: With what has arrived.
-        """
-        span = self.window.grid.span(self.number)
-        calibration = self.recursion.state.calibration
-        readings, forces = within(self.experiment, run, self.like, calibration, span)
-        return bool(readings) and len(forces.time) > 0
 
     def summed(self, most: int) -> Following:
         """The same with the oldest parts summed up, and without the oldest instants.
@@ -273,6 +269,8 @@ class Following:
             reference=segment.reference,
             processes=segment.processes,
         )
+        if not like.readings:
+            raise NoBalanceError(f"run '{run.name}': no instrument tells its motion")
         known = any(each.run == run.name for each in self.samples)
         samples = self.samples if known else (*self.samples, *readings.samples)
         resumed = replace(self, samples=samples, recursion=replace(self.recursion, state=state))

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.errors import InputError
@@ -80,7 +81,7 @@ class Samples:
     def __len__(self) -> int:
         return len(self.time)
 
-    def part(self, rows: slice) -> Samples:
+    def part(self, rows: slice | NDArray[np.intp]) -> Samples:
         """Some of the samples."""
         motion = ("position", "rotation", "velocity", "omega", "alpha", "specific_force")
         arrays = ("time", *motion, "wrench", "tension", "structure")

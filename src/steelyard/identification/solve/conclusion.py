@@ -140,7 +140,11 @@ def concluded(chunks: Sequence[FittedStretch], *, courses: bool = True) -> Poste
     # Balances of an hour take as much memory as the motion that is drawn now: nobody else has them.
     moving = [replace(part, balances=()) for part in parts if courses and not part.segment.static]
     del chunks, parts
-    motion = tuple(_motion_of(part, state, wide.covariance, estimated) for part in moving)
+    moving.reverse()
+    # Each is drawn from matrices that take as much memory, and are done with then.
+    motion = tuple(
+        _motion_of(moving.pop(), state, wide.covariance, estimated) for _ in range(len(moving))
+    )
     return replace(result, solution=wide, motion=motion)
 
 

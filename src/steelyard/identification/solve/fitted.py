@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -87,8 +87,8 @@ def stretch_of(readings: Readings, fitted: Fitted) -> FittedStretch:
 
 
 def without_knots(chunk: FittedStretch) -> FittedStretch:
-    """A chunk without what has done its work: the large matrices of its knots, its streams and
-    readings beside those of its segments, the noise of its balance. How the motion follows the
+    """A chunk without what has done its work: the large matrices of its knots, its streams, samples
+    and readings beside those of its segments, the noise of its balance. How the motion follows the
     border is drawn, not computed with.
     """
     estimated = estimated_columns(chunk.fitted.task)
@@ -106,20 +106,37 @@ def without_knots(chunk: FittedStretch) -> FittedStretch:
     state = replace(fitted.fit.state, segments=tuple(part.segment for part in parts))
     fitted = replace(fitted, fit=replace(fitted.fit, state=state))
     runs = tuple(replace(run, streams={}) for run in chunk.readings.runs)
-    return FittedStretch(replace(chunk.readings, runs=runs, records=records), fitted, parts)
+    none = np.zeros(0, dtype=np.intp)
+    samples = tuple(each.part(none) for each in chunk.readings.samples)
+    readings = replace(chunk.readings, runs=runs, records=records, samples=samples)
+    return FittedStretch(readings, fitted, parts)
 
 
-def handed_on(before: FittedStretch, after: FittedStretch) -> tuple[FittedStretch, FittedStretch]:
-    """Two chunks, with what the readings of both bring by their quantities in the second: of many
-    chunks only its sum is asked for, and a matrix of each would take more memory than its readings.
+def gathered(chunks: Iterable[FittedStretch]) -> list[FittedStretch]:
+    """Many chunks. What the readings of each bring to the border is handed on to the next: only its
+    sum is asked for, and matrices of each would take more memory than its readings.
     """
-    total = by_source(before.parts + after.parts)
+    found: list[FittedStretch] = []
+    for chunk in chunks:
+        if found:
+            found[-1], chunk = _handed_on(found[-1], chunk)
+        found.append(chunk)
+    return found
+
+
+def _handed_on(before: FittedStretch, after: FittedStretch) -> tuple[FittedStretch, FittedStretch]:
+    """Two chunks, with what the readings of both bring in the second: by their quantities, and where
+    both are of one run the normal equations.
+    """
     first, *others = (replace(part, by_source={}) for part in after.parts)
-    emptied = tuple(replace(part, by_source={}) for part in before.parts)
-    return (
-        replace(before, parts=emptied),
-        replace(after, parts=(replace(first, by_source=total), *others)),
-    )
+    first = replace(first, by_source=by_source(before.parts + after.parts))
+    emptied = []
+    for part in before.parts:
+        if part.segment.run == first.segment.run:
+            first = replace(first, equations=part.equations + first.equations)
+            part = replace(part, equations=part.equations.emptied)
+        emptied.append(replace(part, by_source={}))
+    return replace(before, parts=tuple(emptied)), replace(after, parts=(first, *others))
 
 
 def by_source(parts: Sequence[SegmentEquations]) -> dict[Source, Array]:

@@ -35,8 +35,14 @@ from steelyard.identification.solve.fit_state import (
     linearise,
     smooth,
 )
-from steelyard.identification.solve.fitted import Fitted, FittedStretch, stretch_of, without_knots
+from steelyard.identification.solve.fitted import (
+    Fitted,
+    FittedStretch,
+    stretch_of,
+    without_knots,
+)
 from steelyard.identification.solve.long_recording import (
+    fitted_windows,
     lively_parts,
     moving_length,
     window_about,
@@ -91,12 +97,13 @@ def _posterior(
         return concluded([_fitted(experiment, tell, held_out, settings)])
     lively = lively_parts(experiment, settings.part, settings)
     part = _fitted(lively, tell, held_out, settings)
-    runs = list(windows(experiment, settings))
-    found = []
-    for i, run in enumerate(runs):
-        tell("balancing the whole recording", 0.6 + 0.35 * i / len(runs))
-        found += _about(part.fitted, experiment, run)
-    return concluded(found)
+    return concluded(
+        fitted_windows(
+            list(windows(experiment, settings)),
+            lambda run: _about(part.fitted, experiment, run),
+            lambda done: tell("balancing the whole recording", 0.6 + 0.35 * done),
+        )
+    )
 
 
 def _fitted(

@@ -25,11 +25,11 @@ from steelyard.identification.solve.fit_state import FitState, Task, linearise, 
 from steelyard.identification.solve.fitted import (
     Fitted,
     FittedStretch,
-    handed_on,
     stretch_of,
     without_knots,
 )
 from steelyard.identification.solve.long_recording import (
+    fitted_windows,
     lively_parts,
     moving_length,
     window_about,
@@ -137,17 +137,12 @@ def _windows_about(
     """Windows of a long recording about what a part of it tells; the last one has what was left out of
     all of them.
     """
-    found: list[FittedStretch] = []
-    for i, run in enumerate(runs):
-        tell("window by window", 0.2 + 0.75 * i / len(runs))
-        # What stays of each window is made between large matrices.
-        give_back()
-        for window in _about(part, experiment, run):
-            if found:
-                found[-1], window = handed_on(found[-1], window)
-            found.append(window)
+    found = fitted_windows(
+        runs,
+        lambda run: _about(part, experiment, run),
+        lambda done: tell("window by window", 0.2 + 0.75 * done),
+    )
     found[-1] = _with_all_contacts(found)
-    give_back()
     return found
 
 

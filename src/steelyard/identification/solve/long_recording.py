@@ -4,25 +4,28 @@ that a fit has the memory for, about these.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
+from steelyard.arrays import Array
+from steelyard.errors import InfeasibleError, InputError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import BESIDE, Run
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import integrals_of
-from steelyard.identification.model.sources import choose_sources
+from steelyard.identification.model.sources import Source, choose_sources
 from steelyard.identification.solve.beginning.first_body import on_force_clock
 from steelyard.identification.solve.beginning.motion_task import motion_task
 from steelyard.identification.solve.beginning.readings import Readings, read
 from steelyard.identification.solve.fit_state import FitState, Task, linearise, smooth
-from steelyard.identification.solve.fitted import Fitted
+from steelyard.identification.solve.fitted import Fitted, FittedStretch, gathered
 from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.newton_step import step_of
 from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.processes.heap import give_back
 
 
 def moving_length(experiment: Experiment) -> float:
@@ -41,7 +44,10 @@ def lively_parts(experiment: Experiment, length: float, settings: FitSettings = 
     """
     moving = sum(not run.static for run in experiment.runs)
     longest = max(settings.shortest_part, length / max(1, moving))
-    runs = [run if run.static else _stretch(experiment, run, longest) for run in experiment.runs]
+    runs = [
+        run if run.static else _stretch(experiment, run, longest, settings)
+        for run in experiment.runs
+    ]
     return replace(experiment, runs=tuple(runs))
 
 
@@ -64,8 +70,73 @@ def _within(experiment: Experiment, run: Run, first: float, last: float) -> Run:
     streams = {}
     for name, stream in run.streams.items():
         time = experiment.common_time(run, name)
-        streams[name] = stream.at_rows((time >= first - BESIDE) & (time <= last + BESIDE))
+        own = (time >= first - BESIDE) & (time <= last + BESIDE)
+        if np.any(own):
+            streams[name] = stream.at_rows(own)
     return replace(run, streams=streams, sync=experiment.event_times(run), window=(first, last))
+
+
+def fitted_windows(
+    runs: Sequence[Run],
+    chunks: Callable[[Run], Sequence[FittedStretch]],
+    tell: Callable[[float], None],
+) -> list[FittedStretch]:
+    """All windows that tell a motion; of the others the last one has a note: an hour is not lost for a
+    minute without a tracker, or one in which the platform rests.
+
+    Args:
+        runs: Windows of a long recording, of which a part has been fitted.
+        chunks: Fits one of them.
+        tell: Is told the fraction that is done.
+
+    Raises:
+        InputError: None tells a motion.
+        numpy.linalg.LinAlgError: Likewise.
+    """
+    left_out: list[Run] = []
+    why: Exception | None = None
+
+    def every() -> Iterator[FittedStretch]:
+        nonlocal why
+        for i, window in enumerate(runs):
+            tell(i / len(runs))
+            # What stays of each is made between large matrices.
+            give_back()
+            try:
+                own = chunks(window)
+            except (InputError, InfeasibleError, np.linalg.LinAlgError) as error:
+                if window.static:
+                    raise
+                own, why = (), error
+            if not own:
+                left_out.append(window)
+            yield from own
+
+    found = gathered(every())
+    if not found:
+        raise why or np.linalg.LinAlgError
+    fitted = found[-1].fitted
+    fitted = replace(fitted, lost=(*fitted.lost, *_notes_of(left_out)))
+    found[-1] = replace(found[-1], fitted=fitted)
+    give_back()
+    return found
+
+
+def _notes_of(left_out: Sequence[Run]) -> Iterator[str]:
+    """Notes of windows that tell no motion, those that follow each other in one."""
+    ends: list[tuple[str, float, float]] = []
+    for window in left_out:
+        if window.window is None:
+            continue
+        start, end = window.window
+        if ends and ends[-1][0] == window.name and ends[-1][2] == start:
+            start = ends.pop()[1]
+        ends.append((window.name, start, end))
+    for run, start, end in ends:
+        yield (
+            f"run '{run}': {start:.0f} to {end:.0f} s are left out, where not all streams that are"
+            " needed have data or nothing moves"
+        )
 
 
 def window_about(
@@ -121,8 +192,10 @@ def span_of(experiment: Experiment, run: Run) -> tuple[float, float]:
     return max(start, float(time[0])), min(end, float(time[-1]))
 
 
-def _stretch(experiment: Experiment, run: Run, longest: float) -> Run:
-    """The most lively stretch of a run, as its first turning instrument shows it."""
+def _stretch(experiment: Experiment, run: Run, longest: float, settings: FitSettings) -> Run:
+    """The most lively stretch of a run, as its first turning instrument shows it, of those in which
+    the instruments that are needed have about as many readings as anywhere.
+    """
     sources = choose_sources(experiment, run, None)
     name, quantity = sources.omega or sources.rotation or sources.used()[0]
     time, values = experiment.common_time(run, name), run.streams[name].values[quantity]
@@ -132,9 +205,34 @@ def _stretch(experiment: Experiment, run: Run, longest: float) -> Run:
         return run
     # Means over tenths of the stretch: what is lively scatters about them.
     edges = np.arange(start, end, longest / 10)
+    edges = edges[edges + longest <= end]
     flat = np.nan_to_num(values.reshape(len(values), -1))
     square = np.concatenate([[0.0], np.cumsum(np.sum((flat - flat.mean(axis=0)) ** 2, axis=1))])
-    at = np.searchsorted(time, np.stack([edges, edges + longest]))
-    inside = edges + longest <= end
-    best = edges[inside][int(np.argmax((square[at[1]] - square[at[0]])[inside]))]
+    lively = np.diff(square[np.searchsorted(time, [edges, edges + longest])], axis=0)[0]
+    forces = [(sources.force, each) for each in run.streams[sources.force].values]
+    read = _least_read(experiment, run, [*sources.used(), *forces], edges, longest)
+    lively[read < settings.well_read * read.max()] = -1.0
+    best = edges[int(np.argmax(lively))]
     return replace(run, window=(float(best), float(best) + longest))
+
+
+def _least_read(
+    experiment: Experiment, run: Run, sources: Sequence[Source], starts: Array, length: float
+) -> Array:
+    """Share of the readings of some seconds that are there, of the quantity of which least are, shape
+    (s,).
+
+    Args:
+        experiment: With the clocks.
+        run: One of its runs.
+        sources: Quantities that are needed.
+        starts: Of stretches in common time [s], shape (s,).
+        length: Of each [s].
+    """
+    shares = []
+    for name, quantity in sources:
+        time, values = experiment.common_time(run, name), run.streams[name].values[quantity]
+        there = np.isfinite(values.reshape(len(values), -1)).any(axis=1)
+        count = np.diff(np.searchsorted(time[there], [starts, starts + length]), axis=0)[0]
+        shares.append(count / max(count.max(), 1))
+    return np.asarray(np.min(shares, axis=0))

@@ -262,6 +262,9 @@ class FitSettings:
     """Length of a long recording that tells calibration, noise and smoothness first [s]."""
     shortest_part: float = 3.0
     """Least length of it from each run [s]."""
+    well_read: float = 0.9
+    """Share of the readings that a part has at least where any other of its length has all: what is
+    lively while a tracker has lost its target tells little."""
     window: float = 60.0
     """Of a long recording [s]."""
 

@@ -51,6 +51,12 @@ class BorderEquations:
             reduce(add, parts) if parts else None,
         )
 
+    @property
+    def emptied(self) -> BorderEquations:
+        """Of no reading."""
+        normal, right, noise = map(np.zeros_like, (self.normal, self.right, self.noise))
+        return BorderEquations(normal, right, noise, 0.0)
+
 
 @dataclass(frozen=True, eq=False)
 class BorderPrior:
