@@ -7,6 +7,7 @@ from recordings import RUN, save, table, write_small
 from scipy.spatial.transform import Rotation
 
 from steelyard.errors import InputError
+from steelyard.experiment.faults.clock_steps import without_clock_steps
 from steelyard.experiment.faults.held import held, without_held
 from steelyard.experiment.faults.of_streams import clipped, faults_of, timing, without_doubles
 from steelyard.experiment.faults.stuck import (
@@ -225,6 +226,69 @@ class TestDoubles:
         assert without_doubles({"tracker": some}) == ({"tracker": some}, ())
         with pytest.raises(InputError, match=r"^log: expected a time of its own for every sample"):
             without_doubles({"tracker": coarse})
+
+
+def clock_set(time, at, by):
+    """Times of a clock that is set while it runs [s]."""
+    return np.where(time > at, time + by, time)
+
+
+TRACKER = {"tracker": Position(kind="position"), "imu": Imu(kind="imu")}
+
+
+class TestClockSteps:
+    @pytest.mark.parametrize("by", [0.3, 1.0, 3600.0])
+    def test_readings_go_on_while_the_clock_is_set(self, rng, by):
+        stream = Stream(clock_set(TIME, 4.0, by), {"position": noisy(rng)}, "log")
+        kept, (fault,) = without_clock_steps({"tracker": stream}, TRACKER, {})
+        assert kept["tracker"].time == pytest.approx(TIME, abs=1e-6)
+        assert (fault.kind, fault.instrument, fault.count) == ("set", "tracker", 599)
+        assert (fault.start, fault.end) == pytest.approx((4.0, 4.01 + by))
+        said = left_out_in_words("run", fault)
+        assert "the clock of tracker was set from 4.000 to" in said
+
+    def test_times_about_the_event_stay(self, rng):
+        stream = Stream(clock_set(TIME, 4.0, 1.0), {"position": noisy(rng)}, "log")
+        kept, _ = without_clock_steps({"tracker": stream}, TRACKER, {"tracker": 8.0})
+        assert kept["tracker"].time == pytest.approx(TIME + 1.0, abs=1e-6)
+
+    @pytest.mark.parametrize("pause", [0.3, 1.0, 3.0])
+    def test_a_pause_of_the_logger_is_none(self, rng, pause):
+        since = TIME - 4.0
+        use = (since <= 0) | (since > pause)
+        stream = Stream(TIME[use], {"position": noisy(rng)[use]}, "log")
+        assert without_clock_steps({"tracker": stream}, TRACKER, {}) == ({"tracker": stream}, ())
+
+    def test_where_nothing_moves_nobody_knows(self, rng):
+        values = there_and_back(3.0)[:, None] + rng.normal(0, 1e-3, (len(TIME), 3))
+        stream = Stream(clock_set(TIME, 1.5, 1.0), {"position": values}, "log")
+        assert not without_clock_steps({"tracker": stream}, TRACKER, {})[1]
+
+    def test_streams_of_one_clock_are_put_right_together(self, rng):
+        time = clock_set(TIME, 4.0, 1.0)
+        streams = {
+            "tracker": Stream(time, {"position": noisy(rng)}, "log"),
+            # Noise hides what its readings do.
+            "imu": Stream(time[::2], {"specific_force": noisy(rng, 1.0)[::2]}, "log"),
+        }
+        kept, faults = without_clock_steps(streams, TRACKER, {})
+        assert {each.instrument for each in faults} == {"tracker", "imu"}
+        assert kept["tracker"].time == pytest.approx(TIME, abs=0.006)
+        assert kept["imu"].time == pytest.approx(kept["tracker"].time[::2], abs=1e-9)
+
+    def test_a_recording_whose_clock_was_set_is_read_as_if_it_had_not_been(self, tmp_path, run):
+        path = write_small(tmp_path)
+        (sound,) = read_experiment(path).runs
+        log = tmp_path / RUN / "imu.csv"
+        head, *rows = table(log)
+        half = float(rows[len(rows) // 2][0])
+        save(log, [head, *((repr(float(t) + 5.0 * (float(t) > half)), *c) for t, *c in rows)])
+        (found,) = read_experiment(path).runs
+        assert {f.kind for f in found.excluded} == {"set"}
+        assert found.streams["imu"].time == pytest.approx(sound.streams["imu"].time, abs=1e-3)
+        status, out, err = run("identify", path, "--method", "two-step", "--json")
+        assert status == 0, err
+        assert "the clock of imu was set" in out + err
 
 
 class TestRange:

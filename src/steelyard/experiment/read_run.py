@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from steelyard.experiment.faults.clock_steps import without_clock_steps
 from steelyard.experiment.faults.fault import Fault
 from steelyard.experiment.faults.held import without_held
 from steelyard.experiment.faults.of_streams import without_doubles
@@ -79,10 +80,11 @@ def read_run(
         timed = {k: v for k, v in streams.items() if not whole.instruments[k].tabular}
         timed, doubled = without_doubles(timed)
         timed, held = without_held(timed, whole.instruments)
+        timed, stepped = without_clock_steps(timed, whole.instruments, sync)
         timed, alone = without_spikes(timed, whole.instruments)
         timed, stuck = without_stuck(timed, whole.instruments)
         streams |= timed
-        excluded = doubled + held + alone + stuck
+        excluded = doubled + held + stepped + alone + stuck
     return Run(
         name=form.name,
         streams=streams,

@@ -277,6 +277,21 @@ def test_a_motion_goes_on_after_seconds_that_were_not_read(points, lost, start, 
 
 
 @pytest.mark.integration
+def test_it_begins_where_all_instruments_read(points):
+    there = without(points, ("tracker",), 0.0, 6.0)
+    found = begin(there)
+    (run,) = there.runs
+    read = run.streams["tracker"].time[0] - points.runs[0].streams["tracker"].time[0]
+    start, _ = found.window.grid.span(0)
+    assert start == pytest.approx(read, abs=0.1)
+    one, other = (
+        identify(there, name).estimates[name] for name in ("recursive", "maximum-likelihood")
+    )
+    assert one.verdict.accepted
+    assert (np.abs(one.value - other.value) < 1.0 * other.standard_deviation).all()
+
+
+@pytest.mark.integration
 def test_what_is_known_grows_with_time(points):
     instants = None
     for found in follow(points):

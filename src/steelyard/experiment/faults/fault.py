@@ -22,6 +22,7 @@ class Fault:
         "clipped",
         "held",
         "missing",
+        "set",
     ]
     instrument: str
     channel: str

@@ -1,4 +1,4 @@
-"""What was taken out of a recording when it was read, in words."""
+"""What was taken out of a recording, or put right, when it was read, in words."""
 
 from __future__ import annotations
 
@@ -15,6 +15,12 @@ def left_out_in_words(run: str, fault: Fault) -> str:
     name, count, when = fault.instrument, fault.count, f"at {fault.start:.3f} s"
     if count > 1 or fault.kind != "spike":
         when = f"from {fault.start:.3f} to {fault.end:.3f} s"
+    if fault.kind == "set":
+        return (
+            f"run '{run}': the clock of {name} was set from {fault.start:.3f} to {fault.end:.3f} s while"
+            f" its readings went on: the {count} times since then are taken as if it had not been; see"
+            " that nothing sets the clock while you record"
+        )
     if fault.kind == "doubled":
         return (
             f"run '{run}': {count} samples of {name} say once more what the one before them said,"

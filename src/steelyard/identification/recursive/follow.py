@@ -63,6 +63,9 @@ def begin(
     experiment = without_constant_lengths(experiment)
     run = next(each for each in experiment.runs if not each.static)
     start, end = span_of(experiment, run)
+    later = _since(experiment, run, -np.inf)
+    if later is not None and span_of(experiment, later)[0] > start + own.chunk:
+        run, (start, end) = later, span_of(experiment, later)
     length = own.begin
     while True:
         early = replace(run, window=(start, min(end, start + length)))

@@ -30,6 +30,7 @@ _WORDS = {
     "clipped": "at the end of its range",
     "held": "readings written again before the next one, left out",
     "missing": "empty cells",
+    "set": "samples since the clock was set, put back in time",
 }
 
 
@@ -68,7 +69,8 @@ def _streams(found: Inspection) -> Grid:
             counts = (t.dropped, t.late, t.repeated, len(t.gaps))
             timing = (figures(t.rate, 4), milliseconds(t.jitter), *map(_count, counts))
         faults = sum(
-            f.kind in {"doubled", "spike", "stuck", "dead", "clipped", "held"} for f in each.faults
+            f.kind in {"doubled", "spike", "stuck", "dead", "clipped", "held", "set"}
+            for f in each.faults
         )
         first = (each.run, each.instrument, str(each.samples))
         rows.append((*first, *timing, _count(faults)))
