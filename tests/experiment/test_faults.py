@@ -237,7 +237,7 @@ TRACKER = {"tracker": Position(kind="position"), "imu": Imu(kind="imu")}
 
 
 class TestClockSteps:
-    @pytest.mark.parametrize("by", [0.3, 1.0, 3600.0])
+    @pytest.mark.parametrize("by", [0.1, 0.3, 1.0, 3600.0])
     def test_readings_go_on_while_the_clock_is_set(self, rng, by):
         stream = Stream(clock_set(TIME, 4.0, by), {"position": noisy(rng)}, "log")
         kept, (fault,) = without_clock_steps({"tracker": stream}, TRACKER, {})
@@ -258,6 +258,24 @@ class TestClockSteps:
         use = (since <= 0) | (since > pause)
         stream = Stream(TIME[use], {"position": noisy(rng)[use]}, "log")
         assert without_clock_steps({"tracker": stream}, TRACKER, {}) == ({"tracker": stream}, ())
+
+    def test_neither_is_a_pause_at_a_turn_nor_what_a_logger_catches_up(self, rng):
+        there = np.abs(TIME - 5.0)[:, None] * [1.0, -0.5, 0.3] + rng.normal(0, 1e-3, (len(TIME), 3))
+        use = np.abs(TIME - 5.0) > 0.2
+        turn = Stream(TIME[use], {"position": there[use]}, "log")
+        assert not without_clock_steps({"tracker": turn}, TRACKER, {})[1]
+        late = TIME.copy()
+        late[400:430] = TIME[430] + 1e-4 * np.arange(-30, 0)
+        caught_up = Stream(late, {"position": noisy(rng)}, "log")
+        assert not without_clock_steps({"tracker": caught_up}, TRACKER, {})[1]
+
+    def test_where_a_logger_pauses_often_nobody_knows(self, rng):
+        use = np.ones(len(TIME), dtype=bool)
+        for first in (100, 500, 700):
+            use[first : first + 30] = False
+        time = clock_set(TIME, 4.0, 1.0)[use]
+        stream = Stream(time, {"position": noisy(rng)[use]}, "log")
+        assert not without_clock_steps({"tracker": stream}, TRACKER, {})[1]
 
     def test_where_nothing_moves_nobody_knows(self, rng):
         values = there_and_back(3.0)[:, None] + rng.normal(0, 1e-3, (len(TIME), 3))

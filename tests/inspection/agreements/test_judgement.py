@@ -1,5 +1,8 @@
 """Sound recordings raise no alarm: nothing that is left between two instruments is too much."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from simulated import sound, without
 
@@ -29,6 +32,24 @@ def test_a_sound_recording_raises_no_alarm(seed):
 def test_fewer_instruments_raise_no_alarm_either(instrument, quantity):
     (excerpt,) = excerpts(without(sound(1), instrument, quantity), 1)
     assert not judged(excerpt).bad
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity"), [("tracker", "position"), ("imu", "orientation"), ("cables", "tension")]
+)
+def test_empty_cells_are_a_gap_as_missing_rows_are(name, quantity):
+    experiment = sound(1)
+    (run,) = experiment.runs
+    stream = run.streams[name]
+    since = stream.time - stream.time[0]
+    values = stream.values[quantity].copy()
+    values[(since > 2.5) & (since < 3.5)] = np.nan
+    stream = replace(stream, values={**stream.values, quantity: values})
+    run = replace(run, streams={**run.streams, name: stream})
+    (excerpt,) = excerpts(replace(experiment, runs=(run,)), 1)
+    assert not judged(excerpt).bad
+    start, end = excerpt.window
+    assert start > 3.0 or end < 3.0
 
 
 def test_what_may_be_left_can_be_set():

@@ -9,14 +9,14 @@ what the numbers mean.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.experiment.faults.fault import Fault
-from steelyard.experiment.faults.of_streams import channels, timing
+from steelyard.experiment.faults.of_streams import channels
 from steelyard.experiment.recording import Stream
 from steelyard.instruments import Instrument
 
@@ -25,6 +25,18 @@ from steelyard.instruments import Instrument
 class ClockStepSettings:
     """When a pause of the times is one of the clock alone."""
 
+    least: float = 0.02
+    """By how much the clock was set, at least [s]: less is hardly more than stamps scatter by."""
+    periods: float = 4.0
+    """The same in samples; the larger of the two counts."""
+    scatters: float = 8.0
+    """The same in scatters of the steps."""
+    regained: float = 0.25
+    """Part of a pause by which the times around it may run faster than usual: a logger that catches
+    up afterwards has not set its clock."""
+    often: float = 1 / 3
+    """Share of the pauses of a stream across which readings go on, at least: where a network or a
+    logger makes many, one of them may look so by chance."""
     samples: tuple[int, ...] = (6, 16)
     """Of a straight line before a pause, and of one after it: more where there is much noise, fewer
     where the motion bends it."""
@@ -120,31 +132,49 @@ class _Pause:
         return abs(self.start - other.start) < close and abs(self.off - other.off) < close
 
 
-def _pauses(name: str, stream: Stream, settings: ClockStepSettings) -> Iterator[_Pause]:
+def _pauses(name: str, stream: Stream, settings: ClockStepSettings) -> list[_Pause]:
     """Pauses of a stream."""
-    seen = timing(stream.time)
-    if not seen.gaps:
-        return
+    steps, found = np.diff(stream.time), list[_Pause]()
+    if not np.any(steps > 0):
+        return found
+    period = float(np.median(steps[steps > 0]))
+    scatter = float(np.subtract(*np.percentile(steps, [75, 25]))) / 1.35
+    least = max(settings.least, settings.periods * period, settings.scatters * scatter)
+    lasts = np.flatnonzero(steps > period + least).tolist()
+    if not lasts:
+        return found
     flat = np.hstack([values for *_, values in channels(stream)])
     flat = flat[:, np.isfinite(flat).mean(axis=0) > settings.read]
-    lasts = [int(np.searchsorted(stream.time, start, side="right")) - 1 for start, _ in seen.gaps]
     every = [_Lines.of(flat, lasts, samples, settings) for samples in settings.samples]
-    for last, (start, end) in zip(lasts, seen.gaps, strict=True):
-        lag = round(min(end - start, settings.longest) * seen.rate)
-        goes_on = any(lines is not None and lines.go_on(last, lag, settings) for lines in every)
-        yield _Pause(name, start, end, last, 1 / seen.rate, goes_on)
+    for last in lasts:
+        off = float(steps[last]) - period
+        lag = round(min(off, settings.longest) / period)
+        # What was late is followed, or led, by as much that came close together.
+        beside = steps[max(0, last - 2 * lag) : last], steps[last + 1 : last + 1 + 2 * lag]
+        regained = max(float(np.sum(period - each)) for each in beside)
+        goes_on = regained < settings.regained * off and any(
+            lines is not None and lines.go_on(last, lag, settings) for lines in every
+        )
+        start, end = stream.time[last : last + 2].tolist()
+        found.append(_Pause(name, start, end, last, period, goes_on))
+    if sum(each.goes_on for each in found) < settings.often * len(found):
+        return [replace(each, goes_on=False) for each in found]
+    return found
 
 
 @dataclass(frozen=True, eq=False)
 class _Lines:
-    """Straight lines through the samples up to each one, and from each one on."""
+    """Straight lines through the samples up to each one, and from each one on: where they meet, and by
+    how much they rise. At a turn both sides of a pause are at one place, and move away from it.
+    """
 
     until: Array
-    """Half a sample after each, of those up to it, shape (n, c); NaN where there are too few."""
+    """Half a sample after each, of those up to it, and their rise, shape (n, 2 c); NaN where there are
+    too few."""
     since: Array
-    """Half a sample before each, of those from it on, shape (n, c)."""
+    """Half a sample before each, of those from it on, and their rise, shape (n, 2 c)."""
     unit: Array
-    """Usual distance of a line from the next, shape (c,)."""
+    """Usual distance of a line from the next, shape (2 c,)."""
 
     @classmethod
     def of(
@@ -164,9 +194,10 @@ class _Lines:
         place = np.arange(k) - (k - 1) / 2
         along = place / np.sum(place**2)
         ahead = 1 / k + along * (k / 2)
-        none = np.full((k - 1, flat.shape[1]), np.nan)
-        until = np.concatenate([none, windows @ ahead])
-        since = np.concatenate([windows @ ahead[::-1], none])
+        rise = windows @ (k * along)
+        none = np.full((k - 1, 2 * flat.shape[1]), np.nan)
+        until = np.concatenate([none, np.hstack([windows @ ahead, rise])])
+        since = np.concatenate([np.hstack([windows @ ahead[::-1], rise]), none])
         apart = np.abs(until[:-1] - since[1:])
         # Lines that reach across a pause are none.
         for last in pauses:

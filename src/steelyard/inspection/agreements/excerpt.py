@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from steelyard.arrays import Array, binned_means
@@ -22,6 +23,9 @@ from steelyard.inspection.settings import AGREEMENT, AgreementSettings, ExcerptS
 from steelyard.instruments import Instrument
 from steelyard.robot.model import Robot
 from steelyard.smoothing import Samples1D, fit, segments
+
+_FEWEST = 4
+"""Complete samples of a quantity that is looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,13 +174,23 @@ def _part(
 ) -> tuple[float, float, float] | None:
     """Beginning, end and spacing of the knots of what is looked at [s]."""
     first, last = run.window or (-np.inf, np.inf)
-    start = max(first, *(float(t[0]) for t in times.values()))
-    end = min(last, *(float(t[-1]) for t in times.values()))
+    # Cells of a log that are empty for a while are a gap as missing rows are: no spline is to be
+    # looked at across it.
+    read = [
+        times[name][complete]
+        for name, stream in run.streams.items()
+        for values in stream.values.values()
+        if (complete := _complete(values)).sum() >= _FEWEST
+    ]
+    if not read:
+        return None
+    start = max(first, *(float(t[0]) for t in read))
+    end = min(last, *(float(t[-1]) for t in read))
     if end - start < settings.shortest:
         return None
-    steps = [float(np.median(np.diff(t))) for t in times.values() if len(t) > 2]
+    steps = [float(np.median(np.diff(t))) for t in read]
     spacing = max(settings.finest, settings.samples_per_knot * max(steps))
-    parts = segments(list(times.values()), start, end, spacing)
+    parts = segments(read, start, end, spacing)
     if not parts:
         return None
     start, end = max(parts, key=lambda part: part[1] - part[0])
@@ -185,6 +199,11 @@ def _part(
         end = start + settings.longest
     enough = end - start > max(settings.shortest, settings.fewest_knots * spacing)
     return (start, end, spacing) if enough else None
+
+
+def _complete(values: Array) -> NDArray[np.bool_]:
+    """Samples of a quantity of which nothing is missing, shape (n,)."""
+    return np.asarray(np.isfinite(values.reshape(len(values), -1)).all(axis=1))
 
 
 def _liveliest(
@@ -212,11 +231,10 @@ def _smoothed(
     time: Array, values: Array, inside: Array, spacing: float, settings: ExcerptSettings
 ) -> Observation | None:
     """One quantity at instants; None where its samples do not determine it."""
-    flat = values.reshape(len(values), -1)
-    complete = np.isfinite(flat).all(axis=1)
-    if complete.sum() < 4:
+    complete = _complete(values)
+    if complete.sum() < _FEWEST:
         return None
-    time, flat = time[complete], flat[complete]
+    time, flat = time[complete], values.reshape(len(values), -1)[complete]
     for margin in (settings.margin, spacing):
         start, end = max(time[0], inside[0] - margin), min(time[-1], inside[-1] + margin)
         if end <= start:
