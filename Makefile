@@ -50,7 +50,7 @@ bench: $(VENV)/.installed
 validation: $(VENV)/.installed
 	$(BIN)/python benchmarks/book.py --scale $(or $(SCALE),1) $(CHAPTERS)
 
-# The public benchmark: recordings with truth, then all methods on them; BENCHMARK=full draws ten of each.
+# The public benchmark: recordings with truth, then all methods on them; BENCHMARK=full draws ten of `plain`, five of all else.
 benchmark-data: $(VENV)/.installed-bench
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/public/generate.py --seeds $(if $(filter full,$(BENCHMARK)),10,1)
 
