@@ -15,9 +15,10 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.recursive import Recursive
+from steelyard.identification.recursive.arrivals import UnreadError, first_after
 from steelyard.identification.recursive.events import advanced, followed_on
 from steelyard.identification.recursive.follow import begin
-from steelyard.identification.recursive.following import LOST, Event, Following, UnreadError
+from steelyard.identification.recursive.following import LOST, Event, Following
 from steelyard.identification.recursive.outlook import seconds_until
 from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.live.buffer import Buffer, part_of
@@ -166,11 +167,7 @@ class Session:
         """With the motion going on, where forces and motion are there again."""
         run, last = self.run, self.last
         common = {name: each.time - self.sync[name] for name, each in run.streams.items()}
-        again = {
-            name: float(times[at])
-            for name, times in common.items()
-            if (at := int(np.searchsorted(times, since))) < len(times)
-        }
+        again = first_after(common, since)
         newest = max(last.values())
         awaited = [name for name in again if newest - last[name] < self.settings.silent]
         if not awaited:

@@ -292,6 +292,15 @@ def test_it_begins_where_all_instruments_read(points):
 
 
 @pytest.mark.integration
+def test_it_does_not_wait_for_a_command(points):
+    (run,) = points.runs
+    late = without(points, ("command",), 0.0, 8.0)
+    whole, found = begin(points), begin(late)
+    assert found.window.grid.span(0) == pytest.approx(whole.window.grid.span(0), abs=0.05)
+    assert "command" in run.streams
+
+
+@pytest.mark.integration
 def test_what_is_known_grows_with_time(points):
     instants = None
     for found in follow(points):

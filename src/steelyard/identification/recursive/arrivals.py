@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,10 @@ from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.model.motion_residuals import reference_clocks, time_of
 from steelyard.identification.model.motion_segment import Reading, Segment
+
+
+class UnreadError(Exception):
+    """Forces or motion have not been read for a while: a motion ends there, and may go on later."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +44,29 @@ def within(
         like: What they are like.
         calibration: With the delays of their clocks.
         span: Beginning and end [s].
+
+    Raises:
+        UnreadError: No forces, or nothing of the motion, have been read there.
     """
     forces = _forces(experiment, run, like, calibration, span)
-    return list(_readings(experiment, run, like, calibration, span, forces)), forces
+    readings = list(_readings(experiment, run, like, calibration, span, forces))
+    if not readings or not len(forces.time):
+        raise UnreadError
+    return readings, forces
+
+
+def first_after(times: Mapping[str, Array], since: float) -> dict[str, float]:
+    """Instrument -> time of its first sample from an instant on [s]; without those that have none.
+
+    Args:
+        times: Instrument -> times of its samples [s], shape (n,).
+        since: The instant [s].
+    """
+    return {
+        name: float(time[at])
+        for name, time in times.items()
+        if (at := int(np.searchsorted(time, since))) < len(time)
+    }
 
 
 def _times(

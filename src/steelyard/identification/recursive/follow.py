@@ -17,13 +17,12 @@ from steelyard.identification.model.balance import UNMODELLED_PARTS
 from steelyard.identification.model.calibration_parameters import load_place
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import Process
-from steelyard.identification.recursive.arrivals import Likeness
+from steelyard.identification.recursive.arrivals import Likeness, UnreadError, first_after
 from steelyard.identification.recursive.events import advanced
 from steelyard.identification.recursive.following import (
     LOST,
     Following,
     RunBeginning,
-    UnreadError,
     at_beginning,
     silent,
 )
@@ -243,9 +242,10 @@ def follow(
             try:
                 found = advanced(found, run)
             except UnreadError:
-                found, later = _gone_on(found, run, (when, until))
-                if not later:
+                later = _gone_on(found, run, (when, until))
+                if later is None:
                     break
+                found = later
             except LOST as error:
                 raise NoBalanceError(
                     f"run '{run.name}': the motion was lost at {when:.1f} s, where what was read does"
@@ -258,9 +258,9 @@ def follow(
     yield found
 
 
-def _gone_on(found: Following, run: Run, unread: tuple[float, float]) -> tuple[Following, bool]:
-    """The motion again from where all instruments that read again do, and whether it goes on; else it
-    ends where they no longer read.
+def _gone_on(found: Following, run: Run, unread: tuple[float, float]) -> Following | None:
+    """The motion again from where all instruments that read again do; None: it ends where they no
+    longer read.
 
     Args:
         found: Up to there.
@@ -269,21 +269,19 @@ def _gone_on(found: Following, run: Run, unread: tuple[float, float]) -> tuple[F
     """
     experiment, (last, since) = found.experiment, unread
     ended = found.ended()
-    while True:
-        later = _since(experiment, run, since)
-        if later is None:
-            return found, False
+    while (later := _since(experiment, run, since)) is not None:
         start, end = span_of(experiment, later)
         try:
             resumed = ended.resumed(later)
         except (InputError, NoBalanceError, np.linalg.LinAlgError):
             since = start + found.recursion.settings.begin
             if since >= end:
-                return found, False
+                break
             continue
         note = f"run '{run.name}': nothing is told of {last:.1f} to {start:.1f} s, where not all instruments read"
         begun = replace(resumed.begun, lost=(*resumed.begun.lost, note))
-        return replace(resumed, begun=begun), True
+        return replace(resumed, begun=begun)
+    return None
 
 
 def _since(experiment: Experiment, run: Run, since: float) -> Run | None:
@@ -295,14 +293,14 @@ def _since(experiment: Experiment, run: Run, since: float) -> Run | None:
         since: Time from which on to look [s].
     """
     times = {name: experiment.common_time(run, name) for name in run.streams}
-    first = {
-        name: float(time[np.searchsorted(time, since)])
-        for name, time in times.items()
-        if len(time) and time[-1] > since
-    }
+    first = first_after(times, since)
+    # A command is not waited for where the motion is measured.
+    measured = [name for name in first if not experiment.instruments[name].commanded]
+    first = {name: first[name] for name in measured} if len(measured) > 1 else first
     force = experiment.force_instrument(run)
     if force not in first or len(first) == 1:
         return None
     start = max(first.values())
-    streams = {name: run.streams[name].at_rows(times[name] >= start) for name in first}
+    streams = {name: run.streams[name].at_rows(each >= start) for name, each in times.items()}
+    streams = {name: each for name, each in streams.items() if len(each)}
     return replace(run, streams=streams, sync=experiment.event_times(run))

@@ -103,10 +103,6 @@ class RunBeginning:
     """With its motion and disturbances."""
 
 
-class UnreadError(Exception):
-    """Forces or motion have not been read for a while: a motion ends there, and may go on later."""
-
-
 @dataclass(frozen=True, eq=False)
 class Following:
     """A motion that is followed as it arrives."""
@@ -174,8 +170,6 @@ class Following:
         readings, forces = within(
             self.experiment, run, self.like, self.recursion.state.calibration, span
         )
-        if not readings or not len(forces.time):
-            raise UnreadError
         recursion = arrived(self.recursion, readings, forces, self._motion(self.number))
         return replace(self, recursion=recursion, number=self.number + 1)
 

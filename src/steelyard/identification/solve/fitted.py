@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -112,21 +112,10 @@ def without_knots(chunk: FittedStretch) -> FittedStretch:
     return FittedStretch(readings, fitted, parts)
 
 
-def gathered(chunks: Iterable[FittedStretch]) -> list[FittedStretch]:
-    """Many chunks. What the readings of each bring to the border is handed on to the next: only its
-    sum is asked for, and matrices of each would take more memory than its readings.
-    """
-    found: list[FittedStretch] = []
-    for chunk in chunks:
-        if found:
-            found[-1], chunk = _handed_on(found[-1], chunk)
-        found.append(chunk)
-    return found
-
-
-def _handed_on(before: FittedStretch, after: FittedStretch) -> tuple[FittedStretch, FittedStretch]:
+def handed_on(before: FittedStretch, after: FittedStretch) -> tuple[FittedStretch, FittedStretch]:
     """Two chunks, with what the readings of both bring in the second: by their quantities, and where
-    both are of one run the normal equations.
+    both are of one run the normal equations. Of many chunks only the sum is asked for, and matrices of
+    each would take more memory than its readings.
     """
     first, *others = (replace(part, by_source={}) for part in after.parts)
     first = replace(first, by_source=by_source(before.parts + after.parts))

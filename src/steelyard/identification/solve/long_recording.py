@@ -21,7 +21,7 @@ from steelyard.identification.solve.beginning.first_body import on_force_clock
 from steelyard.identification.solve.beginning.motion_task import motion_task
 from steelyard.identification.solve.beginning.readings import Readings, read
 from steelyard.identification.solve.fit_state import FitState, Task, linearise, smooth
-from steelyard.identification.solve.fitted import Fitted, FittedStretch, gathered
+from steelyard.identification.solve.fitted import Fitted, FittedStretch, handed_on
 from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.newton_step import step_of
 from steelyard.identification.solve.settings import FIT, FitSettings
@@ -93,26 +93,25 @@ def fitted_windows(
         InputError: None tells a motion.
         numpy.linalg.LinAlgError: Likewise.
     """
+    found: list[FittedStretch] = []
     left_out: list[Run] = []
     why: Exception | None = None
-
-    def every() -> Iterator[FittedStretch]:
-        nonlocal why
-        for i, window in enumerate(runs):
-            tell(i / len(runs))
-            # What stays of each is made between large matrices.
-            give_back()
-            try:
-                own = chunks(window)
-            except (InputError, InfeasibleError, np.linalg.LinAlgError) as error:
-                if window.static:
-                    raise
-                own, why = (), error
-            if not own:
-                left_out.append(window)
-            yield from own
-
-    found = gathered(every())
+    for i, window in enumerate(runs):
+        tell(i / len(runs))
+        # What stays of each is made between large matrices.
+        give_back()
+        try:
+            own = chunks(window)
+        except (InputError, InfeasibleError, np.linalg.LinAlgError) as error:
+            if window.static:
+                raise
+            own, why = (), error
+        if not own:
+            left_out.append(window)
+        for chunk in own:
+            if found:
+                found[-1], chunk = handed_on(found[-1], chunk)
+            found.append(chunk)
     if not found:
         raise why or np.linalg.LinAlgError
     fitted = found[-1].fitted
