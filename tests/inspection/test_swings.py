@@ -13,7 +13,7 @@ from steelyard.experiment.read import read_experiment
 from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.identify import identify
 from steelyard.identification.samples.preparation import prepare
-from steelyard.identification.verdict.winches import turned_winches
+from steelyard.identification.samples.turned_winches import turned_winches
 from steelyard.inspection.inspect import inspect
 from steelyard.inspection.swings import excited_modes, slack_cables
 from steelyard.natural_frequencies.frequencies import frequencies

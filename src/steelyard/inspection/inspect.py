@@ -15,6 +15,7 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters import gather
 from steelyard.identification.samples.preparation import prepare
+from steelyard.identification.samples.turned_winches import turned_winches
 from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.misfits.slack_cables import SlackCables
@@ -22,7 +23,6 @@ from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.solve.settings import FitSettings
 from steelyard.identification.synchronisation import synchronise
 from steelyard.identification.verdict.directed_tests import directed_tests
-from steelyard.identification.verdict.winches import turned_winches
 from steelyard.inspection.agreements.agreement import InstrumentAgreement
 from steelyard.inspection.agreements.excerpt import Excerpt, excerpts
 from steelyard.inspection.agreements.judgement import Judged, judged

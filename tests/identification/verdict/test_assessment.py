@@ -25,9 +25,10 @@ from simulated import (
 from steelyard.identification.methods.from_posterior.unstated import found_errors
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.solve.held_motion import fit_with_held_motion
+from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.settings import FitSettings
 from steelyard.identification.verdict.assessment import reasons
-from steelyard.identification.verdict.directed_tests import directed_tests
+from steelyard.identification.verdict.directed_tests import Finding, directed_tests, of_description
 from steelyard.identification.verdict.information_shares import label_mask, priors_share
 from steelyard.identification.verdict.settings import VERDICT
 from steelyard.inertia import Inertia
@@ -325,3 +326,26 @@ def test_what_was_known_is_labelled_where_it_told_more_than_the_data():
     assert not label_mask(loose).any()
     tight = fit_with_held_motion(replace(sound(0), known={"mass": (BODY.mass, 0.01)}))
     assert list(np.flatnonzero(label_mask(tight))) == [0]
+
+
+def test_an_error_that_no_device_has_is_a_reason_even_where_the_estimate_does_not_move():
+    """A tracker whose clock was set had the accelerometer's scale at -.2: the fit had taken it up."""
+    harmless = Finding("imu.accelerometer_scale x", -6.0, -0.12, 0.013, "1", 0.3, "look at it")
+    assert not list(of_description([harmless], 3, VERDICT))
+    (said,) = of_description([replace(harmless, implausible=True)], 3, VERDICT)
+    assert said.startswith("imu.accelerometer_scale x seems to be off by -0.12")
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3])
+def test_only_what_nobody_has_stated_can_be_implausible(share):
+    experiment = sound(0)
+    run, imu = experiment.runs[0], experiment.instruments["imu"]
+    stream = run.streams["imu"]
+    felt = stream.values["specific_force"] * np.array([1 - share, 1.0, 1.0])
+    read = replace(stream, values={**stream.values, "specific_force": felt})
+    scaled = replace(experiment, runs=(replace(run, streams={**run.streams, "imu": read}),))
+    test = by_name(fit_jointly(scaled))["imu.accelerometer_scale x"]
+    assert test.implausible == (share > 0.1)
+    stated = changed(imu, calibration={"accelerometer_scale": 0.3})
+    told = replace(scaled, instruments={**experiment.instruments, "imu": stated})
+    assert not by_name(fit_jointly(told))["imu.accelerometer_scale x"].implausible

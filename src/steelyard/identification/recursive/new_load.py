@@ -149,6 +149,7 @@ def with_columns(part: SegmentEquations) -> SegmentEquations:
             np.pad(blocks.normal, ((0, 0), *_BOTH)),
             np.pad(blocks.right, ((0, 0), _MORE)),
             blocks.run,
+            blocks.since,
         ),
         by_source={source: np.pad(matrix, _BOTH) for source, matrix in part.by_source.items()},
         followed=np.pad(part.followed, ((0, 0), _MORE)),

@@ -177,5 +177,5 @@ def _fewer(blocks: Blocks) -> Blocks:
         others = len(blocks.run) // 2
         normal[:others] += blocks.normal[1::2]
         right[:others] += blocks.right[1::2]
-        blocks = Blocks(normal, right, blocks.run[::2])
+        blocks = Blocks(normal, right, blocks.run[::2], blocks.since[::2])
     return blocks

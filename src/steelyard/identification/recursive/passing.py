@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.identification.banded import banded_trace
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.recursive.recursion import Recursion
 from steelyard.identification.recursive.spikes import numbers_of, without_spikes
@@ -105,7 +106,7 @@ def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
         tuple(each.at for each in balances),
         np.concatenate([each.root**2 for each in balances]),
         BorderEquations(remains.normal, remains.right, noise, freedom, by_noise),
-        _compared(recursion, remains, segment.run),
+        _compared(recursion, remains, segment),
         {source: _among(each, use, border) for source, each in brought.items()},
         inverse,
         followed,
@@ -158,13 +159,14 @@ def _among(matrix: Array, use: NDArray[np.intp], border: int) -> Array:
     return found
 
 
-def _compared(recursion: Recursion, remains: _Remains, run: str) -> Blocks:
+def _compared(recursion: Recursion, remains: _Remains, segment: Segment) -> Blocks:
     """What a chunk says, as far as it may be compared with others."""
     normal, right = remains.normal, remains.right
     if recursion.task.experiment.mass_walk:
         normal, right = blind_to_mass(normal, right, by_mass(recursion.point))
-    number = [each.name for each in recursion.task.experiment.runs].index(run)
-    return Blocks(normal[None], right[None], np.array([number]))
+    number = [each.name for each in recursion.task.experiment.runs].index(segment.run)
+    since = np.array([segment.span[0]])
+    return Blocks(normal[None], right[None], np.array([number]), since)
 
 
 def _shorter(window: Window, past: Linear, memory: RollerState | None) -> Window:

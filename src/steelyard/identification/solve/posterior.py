@@ -17,7 +17,7 @@ from steelyard.estimates.estimate import identifiable_parameters, plausible_radi
 from steelyard.experiment.model import Experiment, Load
 from steelyard.identification.known_body import known_bodies
 from steelyard.identification.model.balance import Forces
-from steelyard.identification.model.calibration_parameters import CalibrationValues
+from steelyard.identification.model.calibration_parameters import CalibrationValues, Key, gather
 from steelyard.identification.model.fitted_motion import FittedMotion
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
@@ -128,6 +128,22 @@ class Posterior:
     def deviations(self) -> Array:
         """1-sigma of all calibration parameters, shape (u,)."""
         return np.asarray(np.sqrt(np.maximum(np.diag(self.solution.covariance)[TEN:], 0.0)))
+
+    @property
+    def asked_for(self) -> frozenset[Key]:
+        """Errors that were taken as none until the readings asked for them."""
+
+        def found() -> frozenset[Key]:
+            before = {
+                (each.owner, each.key, each.run)
+                for each in gather(self.experiment).entries
+                if each.is_absent
+            }
+            now = self.calibration.calibration_parameters.entries
+            taken_up = {(each.owner, each.key, each.run) for each in now if each.deviation.any()}
+            return frozenset(before & taken_up)
+
+        return self.once("asked for", None, found)
 
     @property
     def total(self) -> BorderEquations:
@@ -255,6 +271,7 @@ class Posterior:
             np.array([normal for normal, _ in pairs]).reshape(-1, k, k),
             np.array([right for _, right in pairs]).reshape(-1, k),
             self.blocks.run,
+            self.blocks.since,
         )
         known = self.experiment.of_load(load)
         return replace(

@@ -14,7 +14,9 @@ from steelyard.experiment.faults.of_streams import channels, clipped
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.motion_noise import stands_still
+from steelyard.identification.samples.turned_winches import turned_winches
 from steelyard.identification.solve.posterior import Posterior
+from steelyard.identification.verdict.clock_changes import set_clocks
 from steelyard.identification.verdict.diagnosis import diagnose
 from steelyard.identification.verdict.directed_tests import Finding, directed_tests, of_description
 from steelyard.identification.verdict.known_values import against_readings
@@ -27,7 +29,6 @@ from steelyard.identification.verdict.unmodelled import (
     scatter_beside,
 )
 from steelyard.identification.verdict.vibrations import vibrations
-from steelyard.identification.verdict.winches import turned_winches
 from steelyard.inertia import TEN, body_jacobian
 from steelyard.instruments.base import LATENCY
 
@@ -68,6 +69,7 @@ def reasons(
             for each in posterior.samples
             for text in turned_winches(posterior.experiment, each)
         ),
+        *(str(each) for each in set_clocks(posterior, settings)),
         *of_description(tests, 1 if contradictions else settings.most_named, settings),
         *of_frequencies(posterior.experiment, posterior.parameters, posterior.size, settings),
         *against_readings(posterior, settings),

@@ -43,6 +43,8 @@ class Finding:
     proposal: str
     negligible: bool = False
     """Whether it would be smaller than that of any device."""
+    implausible: bool = False
+    """Whether nobody has stated it, and it is larger than that of any device."""
 
     def __str__(self) -> str:
         unit = "" if self.unit == "1" else f" {self.unit}"
@@ -66,7 +68,8 @@ def of_description(tests: Sequence[Finding], most: int, settings: VerdictSetting
     found = [
         test
         for test in tests
-        if abs(test.z) > limit and test.shift > settings.matters and not test.negligible
+        if test.implausible
+        or (abs(test.z) > limit and test.shift > settings.matters and not test.negligible)
     ]
     for test in found[:most]:
         yield str(test)
@@ -92,12 +95,7 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
     follow = total.normal[np.ix_(tested, use)] @ solution.projection[np.ix_(use, use)]
     information = total.normal[np.ix_(tested, tested)] - follow @ total.normal[np.ix_(use, tested)]
     score = solution.scores[tested]
-    # What the priors of the estimated pull is no evidence against those that are not.
-    pulled = (
-        solution.scores[use]
-        - (posterior.prior.precision @ solution.value - posterior.prior.pull)[use]
-    )
-    score = score - follow @ pulled
+    score = score - follow @ pulled_by_priors(posterior, use)
     diagonal, own = np.diag(information), np.diag(total.normal)[tested]
     beyond, told = _by_curvature(total, solution, tested, use, follow, diagonal)
     noise = posterior.noise_factor * (diagonal + beyond)
@@ -130,6 +128,18 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
             proposal=_proposal(unknown.owner, unknown.key),
             negligible=bool(abs(size) < unknown.negligible),
         )
+
+
+def pulled_by_priors(posterior: Posterior, use: NDArray[np.intp]) -> Array:
+    """Scores of what is estimated, without those of its priors: what these pull is no evidence against
+    what is not estimated, shape (u,).
+
+    Args:
+        posterior: With the scores.
+        use: Columns that are estimated, shape (u,).
+    """
+    prior = posterior.prior.precision @ posterior.solution.value - posterior.prior.pull
+    return np.asarray(posterior.solution.scores[use] - prior[use])
 
 
 def _by_curvature(
@@ -216,15 +226,18 @@ def _of_priors(posterior: Posterior, settings: VerdictSettings) -> Iterator[Find
         ):
             continue
         size = values[place] - unknown.mean[component]
+        z = float(size / np.sqrt(prior - variance[place]))
+        unstated = (unknown.owner, unknown.key, unknown.run) in posterior.asked_for
         yield Finding(
             name=calibration_parameters.names[place],
-            z=float(size / np.sqrt(prior - variance[place])),
+            z=z,
             size=float(size),
             sigma=float(np.sqrt(variance[place])),
             unit=unknown.unit,
             # Held at its prior, the estimate would move by so much.
             shift=length(moves[:, place] / variance[place] * size),
             proposal=_proposal(unknown.owner, unknown.key),
+            implausible=unstated and abs(z) > settings.implausible,
         )
 
 

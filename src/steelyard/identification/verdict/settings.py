@@ -21,6 +21,9 @@ class VerdictSettings:
     matters: float = 1.0
     """Least shift of the estimate, in its 1-sigma, that an error of the description is held against
     it for."""
+    implausible: float = 8.0
+    """1-sigma of its prior beyond which an error that nobody has stated is not that of any device, though
+    the estimate may not move with it: the fit has taken up something else by it."""
     twice: float = 4.0
     """A variance beyond this factor of what is stated or explained is not just a noise stated
     roughly: twice the 1-sigma."""
@@ -65,6 +68,9 @@ class VerdictSettings:
     largest_pull: float = 0.5
     """The same of what moves in a load: a third of the mass on a string near its resonance pulls with a
     third of the weight."""
+    set_by: float = 0.005
+    """Change of a delay within a run [s] that is no wandering of clocks, so that it counts also where the
+    estimate does not seem to move with it: the fit has settled between before and after then."""
     surely_late: float = 3.0
     """1-sigma by which an instrument is later than is stated of it."""
     largest_torque: float = 0.25

@@ -35,6 +35,7 @@ def blocks_of(A, b, block, run=0):
         np.array([each.normal for each in own]),
         np.array([each.right for each in own]),
         np.full(len(own), run),
+        np.arange(len(own), dtype=np.float64),
     )
 
 
@@ -298,7 +299,9 @@ def test_smaller_noise_enlarges_nothing(rng):
 
 def test_what_is_not_told_enlarges_nothing(rng):
     _, _, plain = enlarged_by(rng, different, runs=3)
-    blocks = Blocks(np.zeros((0, TEN + 2, TEN + 2)), np.zeros((0, TEN + 2)), np.zeros(0, dtype=int))
+    blocks = Blocks(
+        np.zeros((0, TEN + 2, TEN + 2)), np.zeros((0, TEN + 2)), np.zeros(0, dtype=int), np.zeros(0)
+    )
     assert enlarged(plain, blocks, np.zeros(TEN, dtype=bool), 10.0) is plain
 
 

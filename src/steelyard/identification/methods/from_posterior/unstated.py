@@ -14,7 +14,6 @@ from steelyard.identification.model.balance import UNMODELLED_PARTS
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationParameter,
-    gather,
 )
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import Process
@@ -191,13 +190,8 @@ def _number(error: Mapping[str, Any]) -> str:
 
 def _asked_for(found: Posterior) -> Iterator[tuple[int, CalibrationParameter]]:
     """Places in the vector, and the parameters."""
-    before = {
-        (each.owner, each.key, each.run)
-        for each in gather(found.experiment).entries
-        if each.is_absent
-    }
     for place, parameter, _ in found.calibration.calibration_parameters.components():
-        if (parameter.owner, parameter.key, parameter.run) in before and parameter.deviation.any():
+        if (parameter.owner, parameter.key, parameter.run) in found.asked_for:
             yield place, parameter
 
 

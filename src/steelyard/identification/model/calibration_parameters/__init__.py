@@ -27,6 +27,9 @@ from steelyard.identification.model.calibration_parameters.surroundings import (
     hose_keys as hose_keys,
 )
 from steelyard.identification.model.calibration_parameters.tree import as_tree as as_tree
+from steelyard.identification.model.calibration_parameters.tree import (
+    instruments_of as instruments_of,
+)
 from steelyard.identification.model.calibration_parameters.values import (
     CalibrationValues as CalibrationValues,
 )

@@ -33,7 +33,7 @@ def as_tree(
             "value": float(values[place][0]) if single else values[place],
             "standard_deviation": float(deviations[place][0]) if single else deviations[place],
         }
-        for owner in _instruments_of(experiment, unknown):
+        for owner in instruments_of(experiment, unknown):
             *path, last = unknown.key.split(".")
             entry = tree.setdefault(owner, {})
             for part in path:
@@ -45,7 +45,7 @@ def as_tree(
     return tree
 
 
-def _instruments_of(experiment: Experiment, unknown: CalibrationParameter) -> list[str]:
+def instruments_of(experiment: Experiment, unknown: CalibrationParameter) -> list[str]:
     """The instrument of an error; of a delay all that share the clock."""
     if unknown.key != "delay":
         return [unknown.owner]

@@ -122,6 +122,8 @@ class Blocks:
     """Shape (b, k)."""
     run: NDArray[np.intp]
     """Number of the run of each, shape (b,)."""
+    since: Array
+    """When each begins, by the clock of its run [s], shape (b,)."""
 
     def scores(self, value: Array) -> Array:
         """Columns with the residual of a value, shape (b, k)."""
@@ -267,4 +269,5 @@ def together(parts: Sequence[Blocks]) -> Blocks:
         np.concatenate([each.normal for each in parts]),
         np.concatenate([each.right for each in parts]),
         np.concatenate([each.run for each in parts]),
+        np.concatenate([each.since for each in parts]),
     )

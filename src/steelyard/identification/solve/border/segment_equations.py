@@ -26,7 +26,7 @@ from steelyard.identification.model.segment import Label, Rows
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.border.noise_in_derivatives import LeftNoise, regressor_noise
 from steelyard.identification.solve.border.normal_equations import Blocks, BorderEquations
-from steelyard.identification.solve.border.stretches import by_stretches, numbers_of
+from steelyard.identification.solve.border.stretches import beginnings, by_stretches, numbers_of
 from steelyard.identification.solve.fit_state import FitState, Task
 from steelyard.identification.tally import Tally
 from steelyard.inertia import TEN
@@ -184,7 +184,12 @@ def segment_equations(
         left = regressor_noise(segment, balances, covariance, len(at), state.calibration.gravity)
     freedom = float(np.sum(~forces.touched)) * looked_at
     equations = BorderEquations(normal, gradient + normal @ at, left, freedom, by_noise)
-    blocks = Blocks(square, right + square @ at, np.full(len(square), run, dtype=np.intp))
+    blocks = Blocks(
+        square,
+        right + square @ at,
+        np.full(len(square), run, dtype=np.intp),
+        beginnings(segment, number),
+    )
     of_forces.include(of_motion)
     return SegmentEquations(
         segment,

@@ -38,6 +38,18 @@ def numbers_of(segment: Segment, settings: FitSettings) -> NDArray[np.intp]:
     return np.arange(instants) * count // instants
 
 
+def beginnings(segment: Segment, number: NDArray[np.intp]) -> Array:
+    """When each stretch begins [s], shape (s,).
+
+    Args:
+        segment: With its knots.
+        number: Of the stretch that each instant belongs to.
+    """
+    start, end = segment.span
+    first = np.searchsorted(number, np.arange(number[-1] + 1))
+    return np.asarray(start + (end - start) * first / len(number))
+
+
 def by_stretches(
     segment: Segment, rows: Iterable[Rows], equations: NormalEquations, number: NDArray[np.intp]
 ) -> tuple[Array, Array, dict[Source, Array]]:

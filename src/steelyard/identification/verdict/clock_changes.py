@@ -1,0 +1,156 @@
+"""Whether a clock was set while it ran: its delay is then another after that time than before.
+
+What else changes in a recording (a sensor that slips, an offset that jumps) departs from the motion by
+as much throughout, and coloured noise carries it. A clock that was set departs by the speed of the
+platform times its step, and fits settle on a motion between both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from steelyard.estimates.quantiles import normal_exceeded
+from steelyard.identification.model.calibration_parameters import (
+    CalibrationParameter,
+    instruments_of,
+)
+from steelyard.identification.solve.posterior import Posterior
+from steelyard.identification.verdict.directed_tests import length_of, pulled_by_priors
+from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
+from steelyard.inertia import TEN
+from steelyard.instruments.base import LATENCY
+
+
+@dataclass(frozen=True)
+class ClockChange:
+    """A delay that another value would suit from some time on."""
+
+    run: str
+    owners: tuple[str, ...]
+    """Instruments whose time stamps it shifts."""
+    time: float
+    """From when on [s]."""
+    z: float
+    """Standard normal where the delay is the same throughout."""
+    size: float
+    """Change of the delay [s]; of other size and sign than it is where the fit has settled between
+    both."""
+    sigma: float
+    """Its 1-sigma [s]."""
+    shift: float
+    """How far the estimate moves with it, in its 1-sigma."""
+    within_clock: bool
+    """Whether they share a clock with others, which do not shift."""
+
+    def __str__(self) -> str:
+        names = " and ".join(self.owners)
+        own = f"give {names} a 'clock' of its own, and " if self.within_clock else ""
+        return (
+            f"run '{self.run}': time stamps of {names} seem to shift against those of other instruments by"
+            f" some {round(1e3 * abs(self.size), 1):g} ms, at about {self.time:.1f} s (z ="
+            f" {abs(self.z):.1f}), as if a clock was set while it ran; {own}give the parts before and"
+            " after as two runs, each with its 'window'"
+        )
+
+
+def set_clocks(posterior: Posterior, settings: VerdictSettings = VERDICT) -> Iterator[ClockChange]:
+    """The likeliest change of a delay in each run, where one is seen."""
+    tests = delay_changes(posterior, settings)
+    limit = float(normal_exceeded(settings.family / max(1, len(tests)) / 2))
+    seen: dict[str, list[ClockChange]] = {}
+    for test in tests:
+        counts = test.shift > settings.matters or abs(test.size) > settings.set_by
+        if abs(test.z) > limit and counts:
+            seen.setdefault(test.run, []).append(test)
+    for changes in seen.values():
+        # Two clocks tell each other's change: it is more likely that of the one that fewer read.
+        yield max(changes, key=lambda each: (round(abs(each.z), 1), -len(each.owners)))
+
+
+def delay_changes(posterior: Posterior, settings: VerdictSettings = VERDICT) -> list[ClockChange]:
+    """A score test [Rao1948]_ for every delay and every bound between two stretches of a run, whether
+    another delay suits what follows.
+
+    Args:
+        posterior: With the stretches.
+        settings: Levels.
+    """
+    delays = [
+        (TEN + place, parameter)
+        for place, parameter, _ in posterior.calibration.calibration_parameters.components()
+        if parameter.key in ("delay", LATENCY)
+    ]
+    return [
+        change
+        for number, run in enumerate(posterior.experiment.runs)
+        for change in _changes(
+            posterior,
+            number,
+            [each for each in delays if each[1].run in (None, run.name)],
+            settings,
+        )
+    ]
+
+
+def _changes(
+    posterior: Posterior,
+    number: int,
+    delays: Sequence[tuple[int, CalibrationParameter]],
+    settings: VerdictSettings,
+) -> Iterator[ClockChange]:
+    """Those of a run.
+
+    Args:
+        posterior: With the stretches.
+        number: Of the run.
+        delays: Their columns in the border, and what they are.
+        settings: Levels.
+    """
+    blocks, solution = posterior.blocks, posterior.solution
+    mine = np.flatnonzero(blocks.run == number)
+    mine = mine[np.argsort(blocks.since[mine], kind="stable")]
+    if len(mine) < 2 or not delays:
+        return
+    run = posterior.experiment.runs[number].name
+    use = np.flatnonzero(solution.estimated)
+    projection = solution.projection[np.ix_(use, use)]
+    pulled, total = pulled_by_priors(posterior, use), posterior.total.normal
+    scores = np.cumsum(blocks.scores(solution.value)[mine][::-1], axis=0)[::-1]
+    normal = np.zeros_like(total)
+    length = length_of(posterior)
+    # From the last bound to the first, so that what follows each is a running sum.
+    for k in range(len(mine) - 1, 0, -1):
+        normal = normal + blocks.normal[mine[k]]
+        for column, parameter in delays:
+            own, across = normal[column, column], normal[use, column]
+            follow = projection @ across
+            information = own - across @ follow
+            score = scores[k, column] - follow @ pulled
+            if not solution.estimated[column]:
+                # One that is the same throughout is no change: it is as if it were estimated, too.
+                throughout = total[use, column]
+                all_of_it = total[column, column] - throughout @ projection @ throughout
+                if all_of_it <= settings.its_own * total[column, column]:
+                    continue
+                share = (own - throughout @ follow) / all_of_it
+                information -= share**2 * all_of_it
+                whole = solution.scores[column] - throughout @ projection @ pulled
+                score -= share * whole
+                across = across - share * throughout
+            if information <= settings.its_own * own:
+                continue
+            size = float(score / information)
+            sigma = float(np.sqrt(posterior.noise_factor / information))
+            yield ClockChange(
+                run,
+                tuple(instruments_of(posterior.experiment, parameter)),
+                float(blocks.since[mine[k]]),
+                size / sigma,
+                size,
+                sigma,
+                length(-solution.gain[:TEN][:, use] @ across * size),
+                parameter.key == LATENCY,
+            )

@@ -1,0 +1,79 @@
+"""Clocks that are set while they run: sound recordings show none, and one that was set is named with its
+time and size."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+from simulated import sound, studied
+
+from steelyard.identification.solve.joint_motion import fit_jointly
+from steelyard.identification.solve.settings import FitSettings
+from steelyard.identification.verdict.clock_changes import delay_changes, set_clocks
+from steelyard.identification.verdict.settings import VERDICT
+from steelyard.inspection.identify import identify
+
+pytestmark = pytest.mark.integration
+
+SEEDS = range(8)
+AT = 6.0  # [s], half of simulated recordings
+
+
+def set_later(experiment, name, size):
+    """The same recording; the clock of an instrument is set at half of it."""
+    run = experiment.runs[0]
+    stream = run.streams[name]
+    half = np.mean([stream.time[0], stream.time[-1]])
+    moved = replace(stream, time=stream.time + np.where(stream.time > half, size, 0.0))
+    return replace(experiment, runs=(replace(run, streams={**run.streams, name: moved}),))
+
+
+def test_changes_of_delays_in_sound_recordings_are_standard_normal():
+    z = np.array([[test.z for test in delay_changes(studied(seed))] for seed in SEEDS])
+    # Neighbouring bounds go together, and so do the clocks: some ten independent numbers a recording.
+    assert abs(z.mean()) < 0.4
+    assert 0.6 < z.std() < 1.3
+    assert np.abs(z).max() < norm.isf(VERDICT.family / z.shape[1] / 2)
+    assert not any(list(set_clocks(studied(seed))) for seed in SEEDS)
+
+
+def test_every_bound_between_stretches_is_asked_about():
+    found = studied(0)
+    times = {test.time for test in delay_changes(found)}
+    assert times == set(found.blocks.since[1:])
+
+
+@pytest.mark.parametrize("size", [0.004, -0.004])
+def test_a_clock_that_was_set_a_little_is_found_with_its_size(size):
+    # Nothing is to be taken up that would explain a part of it.
+    found = fit_jointly(set_later(sound(2), "imu", size), settings=FitSettings(suspicions=0))
+    of_imu = [test for test in delay_changes(found) if test.owners == ("imu",)]
+    test = max(of_imu, key=lambda each: abs(each.z))
+    assert abs(test.z) > 5
+    assert test.size == pytest.approx(size, abs=max(4 * test.sigma, 0.3 * abs(size)))
+    assert test.time == pytest.approx(AT, abs=4.0)
+    (named,) = set_clocks(found)
+    # What is told is how two clocks have moved against each other.
+    assert named.owners in {("imu",), ("tracker",)}
+
+
+def test_an_estimate_across_it_is_rejected_and_two_runs_are_accepted():
+    late = set_later(sound(3), "tracker", 0.05)
+    verdict = identify(late, ["maximum-likelihood"]).estimate.verdict
+    assert not verdict.accepted
+    assert any("time stamps of tracker seem to shift" in reason for reason in verdict.reasons)
+    run = late.runs[0]
+    parts = (
+        replace(run, name="before", window=(0.0, AT - 0.2)),
+        replace(run, name="after", window=(AT + 0.2, 2 * AT)),
+    )
+    verdict = identify(replace(late, runs=parts), ["maximum-likelihood"]).estimate.verdict
+    assert verdict.accepted, verdict.reasons
+
+
+def test_what_to_do_depends_on_whether_the_clock_is_shared():
+    found = fit_jointly(set_later(sound(2), "imu", 0.004), settings=FitSettings(suspicions=0))
+    said = {test.owners: str(test) for test in delay_changes(found)}
+    assert "give imu a 'clock' of its own" in said["imu",]
+    assert "of its own" not in said["tracker",]
