@@ -128,7 +128,7 @@ def accuracy(_: Path) -> None:
     """Errors of every method on recordings of another simulator, with parts of the cable model left
     out too."""
     header = "".join(f"{name:>9}" for name in BODY_PARAMETERS)
-    print(f"{'recording':14}{'method':24}{header}    chi2  verdict   [kg], [mm], [kg m^2]")
+    print(f"{'recording':14}{'method':24}{header}     chi2  verdict   [kg], [mm], [kg m^2]")
     errors: dict[tuple[str, str], list[Array]] = {}
     for name, path, truth in recordings():
         experiment = read_experiment(path)
@@ -164,7 +164,7 @@ def accuracy(_: Path) -> None:
             print(
                 f"{name:14}{label:24}"
                 + "".join(f"{e:9.3f}" if np.isfinite(e) else f"{'null':>9}" for e in error * UNITS)
-                + f"{chi:8.1f}  {estimate.verdict.short}",
+                + f"{chi:9.1f}  {estimate.verdict.short}",
                 flush=True,
             )
             errors.setdefault((name.split("-")[0], label), []).append(error)

@@ -114,31 +114,31 @@ def _changes(
     mine = mine[np.argsort(blocks.since[mine], kind="stable")]
     if len(mine) < 2 or not delays:
         return
-    run = posterior.experiment.runs[number].name
+    run, since = posterior.experiment.runs[number].name, blocks.since[mine]
+    until = since[-1] + np.median(np.diff(since))
     use = np.flatnonzero(solution.estimated)
     projection = solution.projection[np.ix_(use, use)]
-    pulled, total = pulled_by_priors(posterior, use), posterior.total.normal
+    pulled = pulled_by_priors(posterior, use)
     scores = np.cumsum(blocks.scores(solution.value)[mine][::-1], axis=0)[::-1]
-    normal = np.zeros_like(total)
+    total, normal = blocks.normal[mine].sum(axis=0), np.zeros_like(blocks.normal[0])
     length = length_of(posterior)
     # From the last bound to the first, so that what follows each is a running sum.
     for k in range(len(mine) - 1, 0, -1):
         normal = normal + blocks.normal[mine[k]]
+        if min(since[k] - since[0], until - since[k]) < settings.on_both_sides:
+            continue
         for column, parameter in delays:
             own, across = normal[column, column], normal[use, column]
             follow = projection @ across
             information = own - across @ follow
             score = scores[k, column] - follow @ pulled
-            if not solution.estimated[column]:
-                # One that is the same throughout is no change: it is as if it were estimated, too.
-                throughout = total[use, column]
-                all_of_it = total[column, column] - throughout @ projection @ throughout
-                if all_of_it <= settings.its_own * total[column, column]:
-                    continue
+            throughout = total[use, column]
+            all_of_it = total[column, column] - throughout @ projection @ throughout
+            if all_of_it > settings.its_own * total[column, column]:
+                # A delay that is the same throughout the run is no change, also where none is estimated.
                 share = (own - throughout @ follow) / all_of_it
                 information -= share**2 * all_of_it
-                whole = solution.scores[column] - throughout @ projection @ pulled
-                score -= share * whole
+                score -= share * (scores[0, column] - throughout @ projection @ pulled)
                 across = across - share * throughout
             if information <= settings.its_own * own:
                 continue
@@ -147,7 +147,7 @@ def _changes(
             yield ClockChange(
                 run,
                 tuple(instruments_of(posterior.experiment, parameter)),
-                float(blocks.since[mine[k]]),
+                float(since[k]),
                 size / sigma,
                 size,
                 sigma,

@@ -71,6 +71,9 @@ class VerdictSettings:
     set_by: float = 0.005
     """Change of a delay within a run [s] that is no wandering of clocks, so that it counts also where the
     estimate does not seem to move with it: the fit has settled between before and after then."""
+    on_both_sides: float = 2.0
+    """Least time [s] before and after such a change: while a motion begins, what is not settled yet looks
+    like a delay."""
     surely_late: float = 3.0
     """1-sigma by which an instrument is later than is stated of it."""
     largest_torque: float = 0.25

@@ -45,7 +45,8 @@ def beginnings(segment: Segment, number: NDArray[np.intp]) -> Array:
         segment: With its knots.
         number: Of the stretch that each instant belongs to.
     """
-    start, end = segment.span
+    knots = segment.knots
+    start, end = (float(knots[0]), float(knots[-1])) if segment.static else segment.span
     first = np.searchsorted(number, np.arange(number[-1] + 1))
     return np.asarray(start + (end - start) * first / len(number))
 
