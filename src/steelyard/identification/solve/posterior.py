@@ -134,14 +134,8 @@ class Posterior:
         """Errors that were taken as none until the readings asked for them."""
 
         def found() -> frozenset[Key]:
-            before = {
-                (each.owner, each.key, each.run)
-                for each in gather(self.experiment).entries
-                if each.is_absent
-            }
-            now = self.calibration.calibration_parameters.entries
-            taken_up = {(each.owner, each.key, each.run) for each in now if each.deviation.any()}
-            return frozenset(before & taken_up)
+            known = self.calibration.calibration_parameters
+            return frozenset(known.believed_since(gather(self.experiment)))
 
         return self.once("asked for", None, found)
 

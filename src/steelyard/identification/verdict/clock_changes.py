@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.estimates.quantiles import normal_exceeded
 from steelyard.identification.model.calibration_parameters import (
     CalibrationParameter,
@@ -116,34 +117,29 @@ def _changes(
         return
     run, since = posterior.experiment.runs[number].name, blocks.since[mine]
     until = since[-1] + np.median(np.diff(since))
+    asked = np.minimum(since - since[0], until - since) >= settings.on_both_sides
     use = np.flatnonzero(solution.estimated)
     projection = solution.projection[np.ix_(use, use)]
     pulled = pulled_by_priors(posterior, use)
-    scores = np.cumsum(blocks.scores(solution.value)[mine][::-1], axis=0)[::-1]
-    total, normal = blocks.normal[mine].sum(axis=0), np.zeros_like(blocks.normal[0])
+    moves = -solution.gain[:TEN][:, use]
+    scores = _from_each_on(blocks.scores(solution.value)[mine])
     length = length_of(posterior)
-    # From the last bound to the first, so that what follows each is a running sum.
-    for k in range(len(mine) - 1, 0, -1):
-        normal = normal + blocks.normal[mine[k]]
-        if min(since[k] - since[0], until - since[k]) < settings.on_both_sides:
-            continue
-        for column, parameter in delays:
-            own, across = normal[column, column], normal[use, column]
-            follow = projection @ across
-            information = own - across @ follow
-            score = scores[k, column] - follow @ pulled
-            throughout = total[use, column]
-            all_of_it = total[column, column] - throughout @ projection @ throughout
-            if all_of_it > settings.its_own * total[column, column]:
-                # A delay that is the same throughout the run is no change, also where none is estimated.
-                share = (own - throughout @ follow) / all_of_it
-                information -= share**2 * all_of_it
-                score -= share * (scores[0, column] - throughout @ projection @ pulled)
-                across = across - share * throughout
-            if information <= settings.its_own * own:
-                continue
-            size = float(score / information)
-            sigma = float(np.sqrt(posterior.noise_factor / information))
+    for column, parameter in delays:
+        # Of a delay from each bound on; from the first on it is the same throughout the run.
+        normal = _from_each_on(blocks.normal[mine, column])
+        own, across = normal[:, column], normal[:, use]
+        follow = across @ projection
+        information = own - np.sum(across * follow, axis=1)
+        score = scores[:, column] - follow @ pulled
+        if information[0] > settings.its_own * own[0]:
+            # That is no change, also where it is not estimated.
+            share = (own - follow @ across[0]) / information[0]
+            information = information - share**2 * information[0]
+            score = score - share * score[0]
+            across = across - share[:, None] * across[0]
+        for k in np.flatnonzero(asked & (information > settings.its_own * own)):
+            size = float(score[k] / information[k])
+            sigma = float(np.sqrt(posterior.noise_factor / information[k]))
             yield ClockChange(
                 run,
                 tuple(instruments_of(posterior.experiment, parameter)),
@@ -151,6 +147,11 @@ def _changes(
                 size / sigma,
                 size,
                 sigma,
-                length(-solution.gain[:TEN][:, use] @ across * size),
+                length(moves @ across[k] * size),
                 parameter.key == LATENCY,
             )
+
+
+def _from_each_on(values: Array) -> Array:
+    """Sums from each stretch to the last, shape as given."""
+    return np.asarray(np.cumsum(values[::-1], axis=0)[::-1])

@@ -227,7 +227,7 @@ def _of_priors(posterior: Posterior, settings: VerdictSettings) -> Iterator[Find
             continue
         size = values[place] - unknown.mean[component]
         z = float(size / np.sqrt(prior - variance[place]))
-        unstated = (unknown.owner, unknown.key, unknown.run) in posterior.asked_for
+        unstated = unknown.full_key in posterior.asked_for
         yield Finding(
             name=calibration_parameters.names[place],
             z=z,

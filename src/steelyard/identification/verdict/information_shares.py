@@ -85,7 +85,7 @@ def variance_shares(posterior: Posterior) -> dict[str, Array]:
         shares[name] = of(block)
     joint = np.concatenate(list(together.values()))
     for entry in calibration.entries:
-        place = calibration.places[entry.owner, entry.key, entry.run]
+        place = calibration.places[entry.full_key]
         if place.start in joint:
             continue
         own = TEN + np.arange(place.start, place.stop)

@@ -19,7 +19,7 @@ from steelyard.experiment.model import Experiment
 from steelyard.identification.identify import Identification
 from steelyard.identification.methods.from_posterior.unstated import disturbances_along
 from steelyard.identification.model.balance import UNMODELLED
-from steelyard.identification.model.calibration_parameters import ROBOT, clock_of
+from steelyard.identification.model.calibration_parameters import ROBOT, instruments_of
 from steelyard.identification.residuals import Residuals, of_samples, residuals
 from steelyard.identification.samples.preparation import Samples, prepare
 from steelyard.identification.solve.posterior import Posterior
@@ -324,12 +324,10 @@ def _clocks(identification: Identification, posterior: Posterior) -> Iterator[Cl
     """Delays of all clocks, those of the instruments that share one together."""
     experiment, deviations = posterior.experiment, posterior.deviations
     parameters = posterior.calibration.calibration_parameters
-    streams = {run.name: run.streams for run in experiment.runs}
     for place, unknown, _ in parameters.components():
         if unknown.key != "delay" or unknown.run is None:
             continue
-        names = streams[unknown.run]
-        own = [name for name in names if clock_of(experiment, name) == unknown.owner]
+        own = instruments_of(experiment, unknown)
         prior = float(parameters.deviation[place])
         yield ClockDelay(
             unknown.run,

@@ -191,7 +191,7 @@ def _number(error: Mapping[str, Any]) -> str:
 def _asked_for(found: Posterior) -> Iterator[tuple[int, CalibrationParameter]]:
     """Places in the vector, and the parameters."""
     for place, parameter, _ in found.calibration.calibration_parameters.components():
-        if (parameter.owner, parameter.key, parameter.run) in found.asked_for:
+        if parameter.full_key in found.asked_for:
             yield place, parameter
 
 

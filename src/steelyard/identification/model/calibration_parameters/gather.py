@@ -87,7 +87,7 @@ def _with_weighed(found: CalibrationParameters, weighed: WeighedCells) -> Calibr
     values = told.each
     entries = tuple(
         replace(u, mean=values[key][0], deviation=values[key][1])
-        if (key := (u.owner, u.key, u.run)) in values
+        if (key := u.full_key) in values
         else u
         for u in found.entries
     )

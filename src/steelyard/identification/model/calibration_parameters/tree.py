@@ -25,7 +25,7 @@ def as_tree(
     """
     tree: dict[str, Any] = {}
     for unknown in calibration_parameters.entries:
-        place = calibration_parameters.places[unknown.owner, unknown.key, unknown.run]
+        place = calibration_parameters.places[unknown.full_key]
         if unknown.owner == ROBOT or not unknown.deviation.any():
             continue
         single = len(unknown.mean) == 1

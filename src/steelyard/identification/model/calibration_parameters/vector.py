@@ -56,6 +56,11 @@ class CalibrationParameter:
     """Whether it is looked at only in the place of another for which they ask."""
 
     @property
+    def full_key(self) -> Key:
+        """Owner, key and run."""
+        return self.owner, self.key, self.run
+
+    @property
     def is_absent(self) -> bool:
         """Whether it is taken as none unless the readings ask for it."""
         return self.suspected is not None and not self.deviation.any()
@@ -129,7 +134,7 @@ class CalibrationParameters:
         """Where each stands."""
         ends = np.cumsum([len(u.mean) for u in self.entries])
         return {
-            (u.owner, u.key, u.run): slice(int(end) - len(u.mean), int(end))
+            u.full_key: slice(int(end) - len(u.mean), int(end))
             for u, end in zip(self.entries, ends, strict=True)
         }
 
@@ -231,13 +236,26 @@ class CalibrationParameters:
         """A name for every component, shape (u,)."""
         return tuple(name for u in self.entries for name in u.names(self.m))
 
+    @cached_property
+    def absent(self) -> Mapping[Key, CalibrationParameter]:
+        """Errors that are taken as none unless the readings ask for them, as they are then."""
+        return {each.full_key: each for each in self.entries if each.is_absent}
+
+    def believed_since(self, before: CalibrationParameters) -> dict[Key, CalibrationParameter]:
+        """Errors for which the readings have asked, as they are when they are none.
+
+        Args:
+            before: The same before anything was asked for.
+        """
+        return {key: none for key, none in before.absent.items() if key not in self.absent}
+
     def believed(self, asked: Collection[Key]) -> CalibrationParameters:
         """The same with the errors that the readings ask for."""
         return replace(
             self,
             entries=tuple(
                 replace(u, deviation=np.full_like(u.deviation, u.suspected), suspected=None)
-                if (u.owner, u.key, u.run) in asked
+                if u.full_key in asked
                 else u
                 for u in self.entries
             ),
@@ -250,8 +268,7 @@ class CalibrationParameters:
             geometry=None,
             weighed=None,
             entries=tuple(
-                replace(u, deviation=deviation[self.places[u.owner, u.key, u.run]])
-                for u in self.entries
+                replace(u, deviation=deviation[self.places[u.full_key]]) for u in self.entries
             ),
         )
 

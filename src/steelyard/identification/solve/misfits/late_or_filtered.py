@@ -21,8 +21,6 @@ from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import Fit, FitState, Task, linearise, smooth
 from steelyard.identification.solve.joint_fit import fit, prior_cost
 from steelyard.identification.solve.misfits.suspected_errors import (
-    absent_in,
-    asked_for,
     is_possible,
     taken_back,
     with_priors_of,
@@ -71,7 +69,7 @@ def twins_of(task: Task, asked: frozenset[Key]) -> dict[Key, CalibrationParamete
     if not wanted:
         return {}
     return {
-        (each.owner, each.key, each.run): each
+        each.full_key: each
         for each in gather(task.experiment).entries
         if (each.owner, each.key) in wanted and each.is_absent
     }
@@ -105,7 +103,7 @@ def shared(
         alone: Of a fit with one of them.
     """
     parameters, values = task.calibration_parameters, state.calibration.values.copy()
-    entries = {(each.owner, each.key, each.run): each for each in parameters.entries}
+    entries = {each.full_key: each for each in parameters.entries}
     for key in asked:
         twin = next((each for each in asked if each[:2] == (key[0], LATENCY)), None)
         if key[1] != TIME_CONSTANT or twin is None:
@@ -188,8 +186,8 @@ def with_twins_settled(
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
-    twins = {k: none for k, none in absent_in(before).items() if k[1] in _TWIN}
-    believed = asked_for(task, before)
+    twins = {k: none for k, none in before.absent.items() if k[1] in _TWIN}
+    believed = task.calibration_parameters.believed_since(before)
     for owner in sorted({key[0] for key in twins}):
         own = {key: none for key, none in twins.items() if key[0] == owner}
         asked = frozenset(own.keys() & believed.keys())

@@ -31,22 +31,6 @@ _CHANCE = 1e-3
 """Probability with which a hose is refused that pulls at one point."""
 
 
-def absent_in(parameters: CalibrationParameters) -> dict[Key, CalibrationParameter]:
-    """Errors that are taken as none unless the readings ask for them, as they are then."""
-    return {(each.owner, each.key, each.run): each for each in parameters.entries if each.is_absent}
-
-
-def asked_for(task: Task, before: CalibrationParameters) -> dict[Key, CalibrationParameter]:
-    """Errors for which the readings have asked, as they are when they are none.
-
-    Args:
-        task: With them.
-        before: The calibration parameters before anything was asked for.
-    """
-    absent = absent_in(task.calibration_parameters)
-    return {key: none for key, none in absent_in(before).items() if key not in absent}
-
-
 def taken_back(
     task: Task, state: FitState, gone: Mapping[Key, CalibrationParameter]
 ) -> tuple[Task, FitState]:
@@ -56,7 +40,7 @@ def taken_back(
     for key, each in gone.items():
         place = parameters.places[key]
         values[place], active[place] = each.mean, False
-    entries = tuple(gone.get((u.owner, u.key, u.run), u) for u in parameters.entries)
+    entries = tuple(gone.get(u.full_key, u) for u in parameters.entries)
     parameters = replace(parameters, entries=entries)
     calibration = replace(state.calibration, calibration_parameters=parameters, values=values)
     task = replace(task, calibration_parameters=parameters, active=active)

@@ -32,7 +32,6 @@ from steelyard.identification.solve.misfits.late_or_filtered import (
     twins_of,
 )
 from steelyard.identification.solve.misfits.suspected_errors import (
-    asked_for,
     is_possible,
     taken_back,
     with_priors_of,
@@ -87,11 +86,7 @@ def _with(
     task: Task, found: Fit, asked: frozenset[Key], again: Callable[[Task, FitState], Fit]
 ) -> tuple[Task, Fit]:
     """Task and fit with what is asked for and without its twins."""
-    believed = {
-        (each.owner, each.key, each.run)
-        for each in task.calibration_parameters.entries
-        if not each.is_absent
-    }
+    believed = {each.full_key for each in task.calibration_parameters.entries if not each.is_absent}
     twins = {
         twin: none
         for twin, none in twins_of(task, asked).items()
@@ -127,7 +122,7 @@ def without_needless(
     limit = 2 * float(normal_tail(task.settings.needless))
     while True:
         groups: dict[Key, list[Key]] = {}
-        absent = asked_for(task, before)
+        absent = task.calibration_parameters.believed_since(before)
         for key, each in absent.items():
             groups.setdefault(_name_of(each), []).append(key)
         join_twins(groups)
@@ -206,7 +201,7 @@ def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) 
     """
     suspects: dict[Key, list[CalibrationParameter]] = {}
     for each in task.calibration_parameters.entries:
-        if (each.owner, each.key, each.run) in refused:
+        if each.full_key in refused:
             continue
         if each.is_absent and not each.instead:
             suspects.setdefault(_name_of(each), []).append(each)
@@ -217,14 +212,14 @@ def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) 
     wide = task.calibration_parameters.deviation.copy()
     for entries in suspects.values():
         for each in entries:
-            wide[places[each.owner, each.key, each.run]] = each.suspected
+            wide[places[each.full_key]] = each.suspected
     for own, deviation in rivals:
         wide[own] = np.maximum(wide[own], deviation)
     gains = _Gains.of(task, state, wide, held=held)
     worst, least = frozenset[Key](), 2 * float(normal_tail(task.settings.suspicious))
     for entries in suspects.values():
-        keys = frozenset((each.owner, each.key, each.run) for each in entries)
-        own = np.concatenate([np.r_[places[e.owner, e.key, e.run]] for e in entries])
+        keys = frozenset(each.full_key for each in entries)
+        own = np.concatenate([np.r_[places[e.full_key]] for e in entries])
         if not len(own):
             # Crosstalk of one cable.
             continue
