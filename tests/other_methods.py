@@ -25,3 +25,8 @@ class Baseline:
 
 def estimated(method, experiment, posteriors):
     return method(experiment)
+
+
+def killed(part, experiment, run):
+    """In place of what fits a window."""
+    os.kill(os.getpid(), signal.SIGKILL)

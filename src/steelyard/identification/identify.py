@@ -32,7 +32,7 @@ from steelyard.identification.methods.instrumental_variables import Instrumental
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.loads import each_alone
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
-from steelyard.identification.methods.method import Fit, Method
+from steelyard.identification.methods.method import Fit, Method, by_processes
 from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.methods.two_step import TwoStep
 from steelyard.identification.model.fitted_motion import FittedMotion
@@ -221,8 +221,8 @@ def identify(
         progress: Is told what is being done and the fraction that is done.
         holdout: Names of runs to leave out, whose forces are predicted.
         ready: Name -> estimator to take in place of the one with default settings.
-        jobs: Processes that work at a time: fits of several methods, and the one without the runs
-            left out, do not wait for each other.
+        jobs: Processes that work at a time: fits of several methods, the one without the runs left
+            out, and windows of a long recording do not wait for each other.
 
     Raises:
         InputError: A run lacks what a method needs, or there is no run or no method of a name.
@@ -240,6 +240,7 @@ def identify(
         if not experiment.runs:
             chosen = [each for each in chosen if each.name == MaximumLikelihood.name]
     _check_walk(experiment, chosen)
+    chosen = [by_processes(each, jobs) for each in chosen]
     names = [run.name for run in experiment.runs]
     if holdout and not names:
         raise InputError(
@@ -283,7 +284,7 @@ def identify(
         predictions: tuple[Prediction, ...] = predicted()
     if not methods and not np.isfinite(estimates[-1].value).any():
         # The best there is has not arrived: the motion held, as its instruments tell it.
-        fallen_back = Consistent()
+        fallen_back = by_processes(Consistent(), jobs)
         try:
             estimates.append(_estimate(fallen_back, used, posteriors, progress))
             chosen.append(fallen_back)

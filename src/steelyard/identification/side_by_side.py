@@ -5,7 +5,6 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,10 +12,10 @@ from typing import Any
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import BEST_FIRST, Estimate
 from steelyard.experiment.model import Experiment
-from steelyard.identification.methods.method import Fit, Method
+from steelyard.identification.methods.method import Fit, Method, by_processes
 from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.posterior import Posterior, Progress
-from steelyard.processes.workers import worker_processes
+from steelyard.processes.workers import result_of, worker_processes
 
 Failure = InputError | NoBalanceError
 """Why a method has no estimate."""
@@ -40,7 +39,7 @@ class Elsewhere:
             NoBalanceError: Likewise.
         """
         future, place = self.methods[number]
-        found: Estimate | Failure = _result(future)[place]
+        found: Estimate | Failure = result_of(future)[place]
         if isinstance(found, Failure):
             raise found
         return found
@@ -60,7 +59,7 @@ class Elsewhere:
             found = work(*arguments, progress)
             return lambda: found
         future = self.pool.submit(work, *arguments)
-        return lambda: _result(future)
+        return lambda: result_of(future)
 
 
 @contextmanager
@@ -88,25 +87,10 @@ def elsewhere(
     with worker_processes(min(jobs - 1, len(groups) + further)) as pool:
         asked = Elsewhere(pool=pool)
         for group in groups:
-            own = [methods[i] for i in group]
+            own = [by_processes(methods[i], 1) for i in group]
             future = pool.submit(_group, estimated, own, experiment)
             asked.methods.update({number: (future, place) for place, number in enumerate(group)})
         yield asked
-
-
-def _result(future: Future[Any]) -> Any:
-    """What a process has found.
-
-    Raises:
-        InputError: It was killed.
-    """
-    try:
-        return future.result()
-    except BrokenProcessPool:
-        raise InputError(
-            "--jobs: expected processes that work to the end, found that one was killed (out of memory,"
-            " perhaps); choose a smaller number"
-        ) from None
 
 
 def _groups(methods: Sequence[Method]) -> list[list[int]]:

@@ -7,8 +7,12 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
+from typing import Any
+
+from steelyard.errors import InputError
 
 ONE_THREAD = {
     "OPENBLAS_NUM_THREADS": "1",
@@ -32,6 +36,21 @@ def worker_processes(jobs: int) -> Iterator[ProcessPoolExecutor]:
             for child in set(multiprocessing.active_children()) - before:
                 child.kill()
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def result_of(future: Future[Any]) -> Any:
+    """What a process has found.
+
+    Raises:
+        InputError: It was killed.
+    """
+    try:
+        return future.result()
+    except BrokenProcessPool:
+        raise InputError(
+            "--jobs: expected processes that work to the end, found that one was killed (out of memory,"
+            " perhaps); choose a smaller number"
+        ) from None
 
 
 @contextmanager

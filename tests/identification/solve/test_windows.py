@@ -4,11 +4,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from other_methods import killed
 from simulated import ROBOT, TRUTH, Loaded, Recorder, Touched, payload
 
+from steelyard.errors import InputError
+from steelyard.identification.identify import identify
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
+from steelyard.identification.solve import joint_motion, shared_windows
+from steelyard.identification.solve.beginning.motion_task import motion_task
+from steelyard.identification.solve.beginning.readings import read
+from steelyard.identification.solve.fitted import Fitted
 from steelyard.identification.solve.held_motion import fit_with_held_motion
 from steelyard.identification.solve.joint_motion import fit_jointly
+from steelyard.identification.solve.long_recording import windows
 from steelyard.identification.solve.settings import FIT
 from steelyard.simulation.trajectories import feasible_multisine
 
@@ -84,7 +92,7 @@ def test_a_step_that_is_far_is_taken_again(recorded, small, passes):
         lambda what, fraction: told.append((what, fraction)),
         settings=replace(WINDOWS, small_step=small, most_passes=2),
     )
-    assert sum(what.endswith("window by window") for what, _ in told) == passes * 3
+    assert sum(what.endswith("window by window") for what, _ in told) == passes * (1 + 3)
 
 
 def without(experiment, name, start, end):
@@ -110,6 +118,46 @@ def test_windows_that_tell_nothing_are_left_out_with_a_note(recorded, lost, fitt
     assert (np.abs(off) < 2 * np.sqrt(np.diag(found.solution.covariance)[:10])).all()
     time = found.samples[0].time
     assert not np.any((time > 12.5) & (time < 27.5))
+
+
+@pytest.mark.parametrize("fitted", [fit_jointly, fit_with_held_motion])
+def test_processes_tell_what_one_tells(recorded, fitted):
+    """One of the windows tells nothing."""
+    gone = without(recorded, "imu", 24.0, 30.0)
+    settings = replace(WINDOWS, window=4.0, part_jointly=10.0, long=20.0, part=10.0)
+    one, two = (fitted(gone, settings=replace(settings, jobs=jobs)) for jobs in (1, 2))
+    sigma = np.sqrt(np.diag(one.solution.covariance)[:10])
+    # They compute with one thread.
+    assert (np.abs(two.parameters - one.parameters) < 1e-6 * sigma).all()
+    np.testing.assert_allclose(two.solution.covariance, one.solution.covariance, rtol=1e-6)
+    assert two.notes == one.notes
+    assert any("are left out" in note for note in two.notes)
+    assert [len(s.time) for s in two.experiment.runs[0].streams.values()] == [
+        len(s.time) for s in one.experiment.runs[0].streams.values()
+    ]
+    for a, b in zip(one.motion, two.motion, strict=True):
+        np.testing.assert_allclose(b.values["position"], a.values["position"], atol=1e-9)
+
+
+def test_identify_gives_its_processes_to_the_windows(recorded, monkeypatch):
+    asked = []
+
+    def attempts(about, part, experiment, runs, jobs):
+        asked.append(jobs)
+        return shared_windows.attempts(about, part, experiment, runs, 1)
+
+    monkeypatch.setattr(joint_motion, "attempts", attempts)
+    identify(recorded, MaximumLikelihood(settings=WINDOWS), jobs=3)
+    assert asked == [3]
+
+
+def test_a_killed_process_is_no_window_that_tells_nothing(recorded):
+    part = fit_jointly(recorded)
+    task = motion_task(read(recorded, None, lambda what, done: None))
+    fitted = Fitted(task, part.fit, part.fit, (), (), {}, {})
+    runs = list(windows(recorded, replace(FIT, window=12.0)))
+    with pytest.raises(InputError, match="found that one was killed"):
+        list(shared_windows.attempts(killed, fitted, recorded, runs, 2))
 
 
 @dataclass(frozen=True)

@@ -104,7 +104,8 @@ NOT_ACCEPTED = 3
     default=1,
     show_default=True,
     metavar="N",
-    help="Processes that work at a time: fits of several methods and of runs left out.",
+    help="Processes that work at a time: fits of several methods and of runs left out, and windows of a"
+    " long recording.",
 )
 @out_option(
     help="Folder for estimate.json, the report (report.html, .md, .json) and motion.parquet; without"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Protocol
 
 from steelyard.estimates.estimate import Estimate, no_estimate
@@ -105,6 +105,13 @@ class PosteriorMethod(ABC):
     def drawn(self, posterior: Posterior) -> Estimate:
         """The same, with the estimates of all loads where there are several."""
         return drawn(self.of, posterior)
+
+
+def by_processes(method: Method, jobs: int) -> Method:
+    """The same method, with so many processes at the windows of a long recording where it has such."""
+    if not isinstance(method, PosteriorMethod):
+        return method
+    return replace(method, settings=replace(method.settings, jobs=jobs))
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,7 @@ from steelyard.identification.solve.noise_levels import (
 )
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.identification.solve.shared_windows import attempts
 from steelyard.identification.solve.stated_processes import with_stated
 from steelyard.identification.tally import Tally, robust_weight
 from steelyard.inertia import TEN
@@ -96,11 +97,12 @@ def _posterior(
     if moving_length(experiment) <= settings.long:
         return concluded([_fitted(experiment, tell, held_out, settings)])
     lively = lively_parts(experiment, settings.part, settings)
-    part = _fitted(lively, tell, held_out, settings)
+    part = _fitted(lively, tell, held_out, settings).fitted
+    runs = list(windows(experiment, settings))
     return concluded(
         fitted_windows(
-            list(windows(experiment, settings)),
-            lambda run: _about(part.fitted, experiment, run),
+            runs,
+            attempts(_about, part, experiment, runs, settings.jobs),
             lambda done: tell("balancing the whole recording", 0.6 + 0.35 * done),
         )
     )

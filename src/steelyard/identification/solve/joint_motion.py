@@ -37,6 +37,7 @@ from steelyard.identification.solve.long_recording import (
 )
 from steelyard.identification.solve.posterior import Posterior, Progress
 from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.identification.solve.shared_windows import attempts
 from steelyard.inertia import TEN
 from steelyard.processes.heap import give_back
 
@@ -139,7 +140,7 @@ def _windows_about(
     """
     found = fitted_windows(
         runs,
-        lambda run: _about(part, experiment, run),
+        attempts(_about, part, experiment, runs, part.task.settings.jobs),
         lambda done: tell("window by window", 0.2 + 0.75 * done),
     )
     found[-1] = _with_all_contacts(found)

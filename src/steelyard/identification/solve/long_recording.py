@@ -4,14 +4,13 @@ that a fit has the memory for, about these.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.errors import InfeasibleError, InputError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import BESIDE, Run
 from steelyard.identification.model.motion_segment import Segment
@@ -25,6 +24,7 @@ from steelyard.identification.solve.fitted import Fitted, FittedStretch, handed_
 from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.newton_step import step_of
 from steelyard.identification.solve.settings import FIT, FitSettings
+from steelyard.identification.solve.shared_windows import Attempt
 from steelyard.processes.heap import give_back
 
 
@@ -77,16 +77,14 @@ def _within(experiment: Experiment, run: Run, first: float, last: float) -> Run:
 
 
 def fitted_windows(
-    runs: Sequence[Run],
-    chunks: Callable[[Run], Sequence[FittedStretch]],
-    tell: Callable[[float], None],
+    runs: Sequence[Run], attempted: Iterable[Attempt], tell: Callable[[float], None]
 ) -> list[FittedStretch]:
     """All windows that tell a motion; of the others the last one has a note: an hour is not lost for a
     minute without a tracker, or one in which the platform rests.
 
     Args:
         runs: Windows of a long recording, of which a part has been fitted.
-        chunks: Fits one of them.
+        attempted: What each tells, or why it does not.
         tell: Is told the fraction that is done.
 
     Raises:
@@ -96,16 +94,14 @@ def fitted_windows(
     found: list[FittedStretch] = []
     left_out: list[Run] = []
     why: Exception | None = None
-    for i, window in enumerate(runs):
-        tell(i / len(runs))
-        # What stays of each is made between large matrices.
-        give_back()
-        try:
-            own = chunks(window)
-        except (InputError, InfeasibleError, np.linalg.LinAlgError) as error:
+    tell(0.0)
+    for i, (window, attempt) in enumerate(zip(runs, attempted, strict=True)):
+        tell((i + 1) / len(runs))
+        if isinstance(attempt, Exception):
             if window.static:
-                raise
-            own, why = (), error
+                raise attempt
+            why = attempt
+        own = () if isinstance(attempt, Exception) else attempt
         if not own:
             left_out.append(window)
         for chunk in own:

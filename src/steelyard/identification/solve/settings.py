@@ -267,6 +267,8 @@ class FitSettings:
     lively while a tracker has lost its target tells little."""
     window: float = 60.0
     """Of a long recording [s]."""
+    jobs: int = 1
+    """Processes that work at a time on the windows of one: they say the same whatever their number."""
 
 
 FIT = FitSettings()
