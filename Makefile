@@ -46,9 +46,9 @@ sbom: $(VENV)/.installed-test
 bench: $(VENV)/.installed
 	$(BIN)/python benchmarks/run.py
 
-# Draws the pages of docs/validation/ that are figures alone; goes on where it was ended (build/validation).
+# Draws the pages of docs/validation/ that are figures alone; goes on where it was ended, ANEW=1 makes all again.
 validation: $(VENV)/.installed
-	$(BIN)/python benchmarks/book.py --scale $(or $(SCALE),1) $(CHAPTERS)
+	$(BIN)/python benchmarks/book.py --scale $(or $(SCALE),1) $(if $(ANEW),--anew) $(CHAPTERS)
 
 # The public benchmark: recordings with truth, then all methods on them; BENCHMARK=full draws ten of `plain`, five of all else.
 benchmark-data: $(VENV)/.installed-bench

@@ -1,17 +1,19 @@
 """The validation book: every claim about estimates, drawn anew as pages of docs/validation/.
 
-`make validation` (hours), or `python benchmarks/book.py [--scale S] [--out DIR] [CHAPTER ...]`: S is the
-part of all draws that is made. What was done is in DIR and is not done again; remove it to begin anew.
+`make validation` (hours), or `python benchmarks/book.py [--scale S] [--out DIR] [--anew] [CHAPTER ...]`: S is
+the part of all draws that is made. What a part of a chapter has shown is kept in docs/validation/drawn and is
+not made again unless that is asked for; a study that was ended goes on from its table in DIR.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -62,6 +64,12 @@ class Printed:
     words: tuple[str, ...] = ()
     count: int = 0
     """Of draws, in full; they stand behind the script. 0: it has none."""
+
+    def words_of(self, count: int) -> list[str]:
+        """What is asked of Python, from the root of the project."""
+        words = [f"benchmarks/{self.script}", *self.words, *([str(count)] if count else [])]
+        # One process, so that what it says of times is true.
+        return [*words, "1"] if self.script == "recursive.py" else words
 
 
 @dataclass(frozen=True)
@@ -155,18 +163,34 @@ def scaled(count: int, scale: float) -> int:
     return max(2, round(count * scale)) if count else 0
 
 
-def dated(folder: Path, what: str) -> str:
-    """The day on which a result became what it is."""
-    file = folder / "made.txt"
-    known, _, day = file.read_text().partition("\n") if file.exists() else ("", "", "")
-    if known != what:
-        day = datetime.now(UTC).date().isoformat()
-        file.write_text(f"{what}\n{day}")
-    return day.strip()
+@dataclass(frozen=True)
+class Drawn:
+    """What a part of a chapter has shown; kept beside the pages, so that a chapter may take several
+    days, or machines."""
 
+    command: str
+    date: str
+    version: str
+    rows: Sequence[Sequence[str]] = ()
+    blocks: Sequence[str] = ()
+    """Of text."""
 
-def studied(part: Draws, folder: Path, scale: float, jobs: int) -> Study:
-    return study(part.what, folder, scaled(part.count, scale), part.methods, jobs=jobs, **part.keys)
+    @classmethod
+    def of(cls, command: str, **found: Any) -> Drawn:
+        """Of today."""
+        return cls(command, datetime.now(UTC).date().isoformat(), steelyard_version(), **found)
+
+    @classmethod
+    def kept(cls, path: Path, command: str) -> Drawn | None:
+        """What the same command has shown before; None: nothing."""
+        if not path.exists():
+            return None
+        found = cls(**json.loads(path.read_text(encoding="utf-8")))
+        return found if found.command == command else None
+
+    def keep(self, path: Path) -> None:
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
 
 
 def errors(found: Study, label: str) -> Iterator[tuple[str, ...]]:
@@ -208,47 +232,84 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
     yield from (f"| {' | '.join(row)} |" for row in rows)
 
 
-def printed(part: Printed, folder: Path, scale: float) -> str:
-    """What it prints; kept once it has ended."""
-    folder.mkdir(parents=True, exist_ok=True)
+def command_of(part: Draws | Printed, scale: float) -> str:
+    """How to do it alone."""
     count = scaled(part.count, scale)
-    words = [part.script, *part.words, *([str(count)] if count else [])]
-    if part.script == "recursive.py":
-        words.append("1")
-    kept = folder / f"{'-'.join(words)}.txt"
-    if not kept.exists():
-        command = [sys.executable, str(HERE / words[0]), *words[1:]]
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-        kept.write_text(done.stdout)
-    day = dated(folder, f"{kept.name} {steelyard_version()}")
-    text = kept.read_text().strip("\n")
-    return f"`python benchmarks/{' '.join(words)}`, {day}:\n\n```\n{text}\n```"
+    return (
+        part.command(count)
+        if isinstance(part, Draws)
+        else f"python {' '.join(part.words_of(count))}"
+    )
 
 
-def page(name: str, chapter: Chapter, out: Path, scale: float, jobs: int) -> str:
-    """A chapter, with all that it needs done."""
-    rows: list[tuple[str, ...]] = []
-    commands, blocks = [], []
+def drawn(part: Draws | Printed, folder: Path, scale: float, jobs: int, *, is_power: bool) -> Drawn:
+    """A part, made now."""
+    count, command = scaled(part.count, scale), command_of(part, scale)
+    if isinstance(part, Draws):
+        found = study(part.what, folder, count, part.methods, jobs=jobs, **part.keys)
+        rows = (power if is_power else errors)(found, part.label)
+        problems = [f"{part.label}: {text}" for text in found.problems]
+        return Drawn.of(command, rows=list(rows), blocks=problems)
+    words = [sys.executable, *part.words_of(count)]
+    done = subprocess.run(words, capture_output=True, text=True, check=True, cwd=ROOT)
+    return Drawn.of(command, blocks=[done.stdout.strip("\n")])
+
+
+def draw(
+    name: str, out: Path, scale: float, jobs: int, *, anew: bool
+) -> Iterator[Sequence[Drawn | None]]:
+    """What there is of a chapter, each time another of its parts has been made; None: not yet.
+
+    Args:
+        name: Of the chapter.
+        out: Where studies keep their tables.
+        scale: Part of all draws.
+        jobs: Processes that work at a time.
+        anew: Whether to make what has been kept again.
+    """
+    chapter = CHAPTERS[name]
+    paths = [PAGES / "drawn" / f"{name}-{i}.json" for i in range(len(chapter.parts))]
+    found = [
+        None if anew else Drawn.kept(path, command_of(part, scale))
+        for path, part in zip(paths, chapter.parts, strict=True)
+    ]
+    yield found
     for i, part in enumerate(chapter.parts):
-        folder = out / name / f"{i}"
-        if isinstance(part, Printed):
-            blocks.append(printed(part, folder, scale))
-            continue
-        found = studied(part, folder, scale, jobs)
-        rows += (power if chapter.power else errors)(found, part.label)
-        day = dated(folder, f"{found.draws} {steelyard_version()}")
-        commands.append(f"| {part.label} | `{part.command(found.draws)}` | {day} |")
-        blocks += [f"{part.label}: {text}" for text in found.problems]
-    lines = [f"# {chapter.title}", "", chapter.about]
-    lines += [
-        f"Drawn by `make validation` with {scale:g} of all draws, steelyard {steelyard_version()}."
+        if found[i] is None:
+            own = drawn(part, out / name / f"{i}", scale, jobs, is_power=chapter.power)
+            own.keep(paths[i])
+            found[i] = own
+            yield found
+
+
+def page(chapter: Chapter, found: Sequence[Drawn | None], scale: float) -> str:
+    """A chapter as far as it has been made."""
+    lines = [
+        f"# {chapter.title}",
+        "",
+        chapter.about,
+        f"Drawn by `make validation` with {scale:g} of all draws.",
     ]
     if scale < 1:
         lines += ["**These are few draws: they show the form, and large errors, no more.**"]
+    done = [(part, own) for part, own in zip(chapter.parts, found, strict=True) if own is not None]
+    missing = [part.label for part, own in zip(chapter.parts, found, strict=True) if own is None]
+    if missing:
+        lines += [f"**Not drawn yet: {'; '.join(missing)}.**"]
+    rows = [row for _, own in done for row in own.rows]
     if rows:
         lines += ["", *table(POWER if chapter.power else ERRORS, rows), "", *NOTES[chapter.power]]
-        lines += ["", "| what | command | date |", "|---|---|---|", *commands]
-    return "\n".join([*lines, *(f"\n{block}" for block in blocks)]) + "\n"
+        lines += ["", "| what | command | date | steelyard |", "|---|---|---|---|"]
+    for part, own in done:
+        if isinstance(part, Draws):
+            lines += [f"| {part.label} | `{own.command}` | {own.date} | {own.version} |"]
+    for part, own in done:
+        if isinstance(part, Draws):
+            lines += [f"\n{block}" for block in own.blocks]
+        else:
+            lines += ["", f"`{own.command}`, {own.date}, steelyard {own.version}:"]
+            lines += [f"\n```\n{block}\n```" for block in own.blocks]
+    return "\n".join(lines) + "\n"
 
 
 NOTES = {
@@ -271,11 +332,13 @@ def main() -> None:
     asked.add_argument("--scale", type=float, default=1.0)
     asked.add_argument("--out", type=Path, default=ROOT / "build" / "validation")
     asked.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    asked.add_argument("--anew", action="store_true", help="make again what has been kept")
     asked.add_argument("chapters", nargs="*", choices=[*CHAPTERS, []], metavar="CHAPTER")
     given = asked.parse_args()
     for name in given.chapters or CHAPTERS:
-        text = page(name, CHAPTERS[name], given.out, given.scale, given.jobs)
-        (PAGES / f"book-{name}.md").write_text(text, encoding="utf-8")
+        for found in draw(name, given.out, given.scale, given.jobs, anew=given.anew):
+            text = page(CHAPTERS[name], found, given.scale)
+            (PAGES / f"book-{name}.md").write_text(text, encoding="utf-8")
         print(f"docs/validation/book-{name}.md", flush=True)
 
 
