@@ -1,5 +1,6 @@
 """A process that was forked beside the threads of a library says so, and does not wait."""
 
+import os
 import platform
 import sys
 
@@ -62,3 +63,38 @@ def test_memory_between_what_stays_is_given_back():
     given, total = (float(each) for each in found.stdout.split())
     assert given > 40  # of 61 MiB, of which .6 stay
     assert total == 80_000
+
+
+REUSED = """
+import resource
+import numpy as np
+from steelyard.processes.heap import keep_for_reuse
+
+def faults():
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for _ in range(100):
+        np.ones(100_000)
+    return resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+
+faults()
+before = faults()
+keep_for_reuse()
+faults()
+print(before, faults())
+"""
+
+
+@pytest.mark.skipif(
+    platform.libc_ver()[0] != "glibc", reason="what other C libraries keep is theirs"
+)
+def test_memory_is_kept_for_the_next_matrix():
+    """As workers of Dask begin."""
+    found = finished(
+        [sys.executable, "-c", REUSED],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "MALLOC_TRIM_THRESHOLD_": "65536"},
+    )
+    before, after = (int(each) for each in found.stdout.split())
+    assert before > 10_000  # pages of 4 KiB, of 80 MB
+    assert after < before / 100

@@ -15,6 +15,7 @@ from typing import Any
 
 from steelyard.campaigns.tasks import Lost, Outcome, TaskT, Work
 from steelyard.errors import InputError
+from steelyard.processes.heap import give_back, keep_for_reuse
 
 _CONNECT = 10.0
 """How long a scheduler may take to answer [s]."""
@@ -101,7 +102,11 @@ def _lost() -> InputError:
 def _alone(work: Work, task: Any) -> Outcome:
     """One task at a time in a process, whatever the number of its threads."""
     with _ALONE:
-        return work(task)
+        keep_for_reuse()
+        try:
+            return work(task)
+        finally:
+            give_back()
 
 
 @contextmanager
