@@ -28,7 +28,7 @@ from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.recording import Run
-from steelyard.identification.identify import Identification
+from steelyard.identification.identification import Identification
 from steelyard.identification.methods.from_posterior.unstated import found_errors
 from steelyard.identification.solve.long_recording import span_of
 from steelyard.inertia import Inertia

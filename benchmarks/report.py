@@ -16,7 +16,8 @@ from pathlib import Path
 from hour import DURATION, write_long
 
 from steelyard.experiment.read import read_experiment
-from steelyard.identification.identify import AVAILABLE, identify
+from steelyard.identification.chosen_methods import AVAILABLE
+from steelyard.identification.identify import identify
 from steelyard.report.evidence.made import made_of
 from steelyard.report.evidence.report_file import read_summary
 from steelyard.report.evidence.summary import summarise

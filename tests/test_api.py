@@ -23,7 +23,8 @@ from steelyard.errors import SteelyardError
 from steelyard.estimates.estimate import Estimate, Verdict, judge
 from steelyard.excitation.information.optimality_criterion import Target
 from steelyard.excitation.plan import planned
-from steelyard.identification.identify import AVAILABLE, Identification, chosen_methods
+from steelyard.identification.chosen_methods import AVAILABLE, chosen_methods
+from steelyard.identification.identification import Identification
 from steelyard.identification.model.fitted_motion import QUANTITIES, FittedMotion
 from steelyard.inertia import BODY_PARAMETERS
 

@@ -54,7 +54,15 @@ INNER = {
         {"residuals"},
         {"verdict"},
         {"methods"},
-        {"settings", "force_clock", "identify", "side_by_side", "synchronisation"},
+        {
+            "settings",
+            "force_clock",
+            "identification",
+            "chosen_methods",
+            "side_by_side",
+            "synchronisation",
+        },
+        {"identify"},
     ],
     "inspection": [
         {"agreements", "remarks", "streams"},

@@ -66,7 +66,7 @@ if TYPE_CHECKING:
     from steelyard.exports.exported import Exported as Exported
     from steelyard.exports.formats import export as export
     from steelyard.identification.conversion import convert as convert
-    from steelyard.identification.identify import Identification as Identification
+    from steelyard.identification.identification import Identification as Identification
     from steelyard.identification.methods.consistent import Consistent as Consistent
     from steelyard.identification.methods.force_free import ForceFree as ForceFree
     from steelyard.identification.methods.instrumental_variables import (
@@ -132,7 +132,7 @@ _WHERE = {
     "ForceFree": "identification.methods.force_free",
     "Frequencies": "natural_frequencies.frequencies",
     "GeometryCalibration": "calibration.geometry_calibration",
-    "Identification": "identification.identify",
+    "Identification": "identification.identification",
     "Imu": "instruments.imu",
     "Inertia": "inertia",
     "InfeasibleError": "errors",

@@ -10,7 +10,8 @@ import pytest
 
 from steelyard.cli.printing import parts, progress, say
 from steelyard.display import time_left
-from steelyard.identification.identify import _shares, chosen_methods
+from steelyard.identification.chosen_methods import chosen_methods
+from steelyard.identification.identify import _shares
 
 SCRIPT = """
 from steelyard.cli.printing import progress

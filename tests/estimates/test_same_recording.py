@@ -10,7 +10,7 @@ from written_estimates import estimate_of, file_of
 from steelyard.estimates.comparison import compare
 from steelyard.estimates.comparison_notes import BOUND_NOTE, INDEPENDENT_NOTE
 from steelyard.estimates.file.places import read_estimates
-from steelyard.identification.identify import Identification
+from steelyard.identification.identification import Identification
 
 TEN = RECORDER.body.body_parameters
 

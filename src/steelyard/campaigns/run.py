@@ -120,7 +120,7 @@ def campaign(
         InputError: There is nothing to work on, the folder or the database cannot be used, or the
             cluster is not there. An experiment that is wrong raises nothing: it has a row that says so.
     """
-    from steelyard.identification.identify import chosen_methods
+    from steelyard.identification.chosen_methods import chosen_methods
 
     methods = (methods,) if isinstance(methods, str) else tuple(methods)
     chosen_methods(methods)

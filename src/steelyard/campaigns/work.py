@@ -19,7 +19,7 @@ from steelyard.report.evidence.made import steelyard_version
 
 if TYPE_CHECKING:
     from steelyard.experiment.model import Experiment
-    from steelyard.identification.identify import Identification
+    from steelyard.identification.identification import Identification
 
 DEFAULT = "default"
 """Stands for the methods that are taken where none is named."""

@@ -9,7 +9,8 @@ from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate, no_estimate
 from steelyard.experiment.given import GivenExperiment, experiment_of
 from steelyard.experiment.model import Experiment
-from steelyard.identification.identify import Identification, chosen_methods, default_methods
+from steelyard.identification.chosen_methods import chosen_methods, default_methods
+from steelyard.identification.identification import Identification
 from steelyard.identification.identify import identify as estimate_all
 from steelyard.identification.methods.method import Method
 from steelyard.identification.solve.posterior import Progress

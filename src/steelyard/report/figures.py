@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard.errors import InputError
-from steelyard.identification.identify import Identification
+from steelyard.identification.identification import Identification
 from steelyard.inertia import Inertia
 from steelyard.report.blocks.document import Figure, Replay, Scene, flat
 from steelyard.report.documents.identification import document_of

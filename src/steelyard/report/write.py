@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.estimates.named_estimate import FILE_NAME as ESTIMATE
-from steelyard.identification.identify import Identification
+from steelyard.identification.identification import Identification
 from steelyard.identification.model.fitted_motion import FORMAT as FORMAT_OF_MOTION
 from steelyard.inertia import Inertia
 from steelyard.output import results_folder, write_file, write_json, write_table

@@ -7,7 +7,8 @@ import pytest
 from simulated import BODY, leaking, loaded, sound, walking
 
 from steelyard.errors import InputError
-from steelyard.identification.identify import default_methods, identify
+from steelyard.identification.chosen_methods import default_methods
+from steelyard.identification.identify import identify
 from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.recursive.follow import follow

@@ -9,7 +9,7 @@ from written_estimates import file_of
 from steelyard.estimates.estimate import Estimate, LoadEstimates, Verdict, judge, unassessed
 from steelyard.estimates.file.estimate_file import read_estimate_file
 from steelyard.estimates.joint_covariance import JointCovariance
-from steelyard.identification.identify import Identification
+from steelyard.identification.identification import Identification
 from steelyard.identification.verdict.disagreement import with_disagreement
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.report.documents.identification import document_of

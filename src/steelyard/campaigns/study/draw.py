@@ -19,7 +19,7 @@ from steelyard.errors import SteelyardError
 from steelyard.estimates.estimate import plain
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
-from steelyard.identification.identify import Identification
+from steelyard.identification.identification import Identification
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.inspection.identify import identify
 from steelyard.report.evidence.made import steelyard_version

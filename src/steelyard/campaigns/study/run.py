@@ -30,7 +30,7 @@ from steelyard.campaigns.tasks import Engine
 from steelyard.campaigns.work import asked_for
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
-from steelyard.identification.identify import chosen_methods
+from steelyard.identification.chosen_methods import chosen_methods
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.output import results_file, write_file, write_json
 from steelyard.report.evidence.made import steelyard_version

@@ -142,7 +142,7 @@ def identify(
     check_there(experiment)
     with progress(quiet=quiet) as tell:
         from steelyard.experiment.read import read_experiment
-        from steelyard.identification.identify import chosen_methods, default_methods
+        from steelyard.identification.chosen_methods import chosen_methods, default_methods
         from steelyard.identification.methods.consistent import Consistent
         from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
         from steelyard.identification.methods.two_step import TwoStep

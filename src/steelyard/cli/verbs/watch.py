@@ -199,7 +199,7 @@ def _finished(
     """Write what was found in the end; the exit status."""
     from dataclasses import replace
 
-    from steelyard.identification.identify import Identification
+    from steelyard.identification.identification import Identification
     from steelyard.live.record import TABLE_FORMAT, table_of
     from steelyard.live.session import in_words
     from steelyard.output import results_folder, write_json, write_table

@@ -16,7 +16,7 @@ from steelyard.digits import number
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate
 from steelyard.experiment.model import Experiment
-from steelyard.identification.identify import Identification
+from steelyard.identification.identification import Identification
 from steelyard.identification.methods.from_posterior.unstated import disturbances_along
 from steelyard.identification.model.balance import UNMODELLED
 from steelyard.identification.model.calibration_parameters import ROBOT, instruments_of

@@ -14,7 +14,7 @@ from steelyard.arrays import Array
 from steelyard.clocks.offsets import Offset
 from steelyard.digits import LABELS, figures
 from steelyard.estimates.estimate import Estimate, Verdict, per_mass_rows
-from steelyard.identification.identify import Identification
+from steelyard.identification.identification import Identification
 from steelyard.inertia import Inertia
 from steelyard.report.evidence.gather import body_of, evidence_of, offset_in_words
 from steelyard.report.evidence.made import steelyard_version
