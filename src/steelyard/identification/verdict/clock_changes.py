@@ -63,7 +63,8 @@ def set_clocks(posterior: Posterior, settings: VerdictSettings = VERDICT) -> Ite
     limit = float(normal_exceeded(settings.family / max(1, len(tests)) / 2))
     seen: dict[str, list[ClockChange]] = {}
     for test in tests:
-        counts = test.shift > settings.matters or abs(test.size) > settings.set_by
+        least = settings.slipped_by if test.within_clock else settings.set_by
+        counts = test.shift > settings.matters or abs(test.size) > least
         if abs(test.z) > limit and counts:
             seen.setdefault(test.run, []).append(test)
     for changes in seen.values():

@@ -71,6 +71,9 @@ class VerdictSettings:
     set_by: float = 0.005
     """Change of a delay within a run [s] that is no wandering of clocks, so that it counts also where the
     estimate does not seem to move with it: the fit has settled between before and after then."""
+    slipped_by: float = 0.02
+    """The same of an instrument against others of its clock: samples that a logger has lost shift it by
+    whole ones, and friction in rollers looks like a latency that changes by some milliseconds."""
     on_both_sides: float = 2.0
     """Least time [s] before and after such a change: while a motion begins, what is not settled yet looks
     like a delay."""
