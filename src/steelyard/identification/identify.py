@@ -71,7 +71,8 @@ def identify(
         if not experiment.runs:
             chosen = [each for each in chosen if each.name == MaximumLikelihood.name]
     _check_walk(experiment, chosen)
-    chosen = [by_processes(each, jobs) for each in chosen]
+    if jobs > 1:
+        chosen = [by_processes(each, jobs) for each in chosen]
     names = [run.name for run in experiment.runs]
     if holdout and not names:
         raise InputError(

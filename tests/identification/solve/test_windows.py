@@ -148,7 +148,8 @@ def test_identify_gives_its_processes_to_the_windows(recorded, monkeypatch):
 
     monkeypatch.setattr(joint_motion, "attempts", attempts)
     identify(recorded, MaximumLikelihood(settings=WINDOWS), jobs=3)
-    assert asked == [3]
+    identify(recorded, MaximumLikelihood(settings=replace(WINDOWS, jobs=2)))
+    assert asked == [3, 2]
 
 
 def test_a_killed_process_is_no_window_that_tells_nothing(recorded):
