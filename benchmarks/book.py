@@ -1,8 +1,9 @@
 """The validation book: every claim about estimates, drawn anew as pages of docs/validation/.
 
 `make validation` (hours), or `python benchmarks/book.py [--scale S] [--out DIR] [--anew] [CHAPTER ...]`: S is
-the part of all draws that is made. What a part of a chapter has shown is kept in docs/validation/drawn and is
-not made again unless that is asked for; a study that was ended goes on from its table in DIR.
+the part of all draws that is made. What a part of a chapter has shown is kept in docs/validation/drawn (where S is less
+than 1, in DIR) and is not made again unless that is asked for; a study that was ended goes on from its table
+in DIR.
 """
 
 from __future__ import annotations
@@ -70,6 +71,10 @@ class Printed:
         words = [f"benchmarks/{self.script}", *self.words, *([str(count)] if count else [])]
         # One process, so that what it says of times is true.
         return [*words, "1"] if self.script == "recursive.py" else words
+
+    def command(self, count: int) -> str:
+        """How to do it alone."""
+        return f"python {' '.join(self.words_of(count))}"
 
 
 @dataclass(frozen=True)
@@ -164,7 +169,7 @@ def scaled(count: int, scale: float) -> int:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class Result:
     """What a part of a chapter has shown; kept beside the pages, so that a chapter may take several
     days, or machines."""
 
@@ -176,12 +181,12 @@ class Drawn:
     """Of text."""
 
     @classmethod
-    def of(cls, command: str, **found: Any) -> Drawn:
+    def of(cls, command: str, **found: Any) -> Result:
         """Of today."""
         return cls(command, datetime.now(UTC).date().isoformat(), steelyard_version(), **found)
 
     @classmethod
-    def kept(cls, path: Path, command: str) -> Drawn | None:
+    def kept(cls, path: Path, command: str) -> Result | None:
         """What the same command has shown before; None: nothing."""
         if not path.exists():
             return None
@@ -189,7 +194,7 @@ class Drawn:
         return found if found.command == command else None
 
     def keep(self, path: Path) -> None:
-        path.parent.mkdir(exist_ok=True)
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
 
 
@@ -232,32 +237,22 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
     yield from (f"| {' | '.join(row)} |" for row in rows)
 
 
-def command_of(part: Draws | Printed, scale: float) -> str:
-    """How to do it alone."""
-    count = scaled(part.count, scale)
-    return (
-        part.command(count)
-        if isinstance(part, Draws)
-        else f"python {' '.join(part.words_of(count))}"
-    )
-
-
-def drawn(part: Draws | Printed, folder: Path, scale: float, jobs: int, *, is_power: bool) -> Drawn:
-    """A part, made now."""
-    count, command = scaled(part.count, scale), command_of(part, scale)
+def made(part: Draws | Printed, folder: Path, count: int, jobs: int, *, is_power: bool) -> Result:
+    """Of a part, now."""
+    command = part.command(count)
     if isinstance(part, Draws):
         found = study(part.what, folder, count, part.methods, jobs=jobs, **part.keys)
         rows = (power if is_power else errors)(found, part.label)
         problems = [f"{part.label}: {text}" for text in found.problems]
-        return Drawn.of(command, rows=list(rows), blocks=problems)
+        return Result.of(command, rows=list(rows), blocks=problems)
     words = [sys.executable, *part.words_of(count)]
     done = subprocess.run(words, capture_output=True, text=True, check=True, cwd=ROOT)
-    return Drawn.of(command, blocks=[done.stdout.strip("\n")])
+    return Result.of(command, blocks=[done.stdout.strip("\n")])
 
 
-def draw(
+def results(
     name: str, out: Path, scale: float, jobs: int, *, anew: bool
-) -> Iterator[Sequence[Drawn | None]]:
+) -> Iterator[Sequence[Result | None]]:
     """What there is of a chapter, each time another of its parts has been made; None: not yet.
 
     Args:
@@ -268,21 +263,24 @@ def draw(
         anew: Whether to make what has been kept again.
     """
     chapter = CHAPTERS[name]
-    paths = [PAGES / "drawn" / f"{name}-{i}.json" for i in range(len(chapter.parts))]
+    counts = [scaled(part.count, scale) for part in chapter.parts]
+    # A few draws are not to take the place of all of them.
+    folder = (PAGES if scale == 1 else out) / "drawn"
+    paths = [folder / f"{name}-{i}.json" for i in range(len(counts))]
     found = [
-        None if anew else Drawn.kept(path, command_of(part, scale))
-        for path, part in zip(paths, chapter.parts, strict=True)
+        None if anew else Result.kept(path, part.command(count))
+        for path, part, count in zip(paths, chapter.parts, counts, strict=True)
     ]
     yield found
-    for i, part in enumerate(chapter.parts):
+    for i, (part, count) in enumerate(zip(chapter.parts, counts, strict=True)):
         if found[i] is None:
-            own = drawn(part, out / name / f"{i}", scale, jobs, is_power=chapter.power)
+            own = made(part, out / name / f"{i}", count, jobs, is_power=chapter.power)
             own.keep(paths[i])
             found[i] = own
             yield found
 
 
-def page(chapter: Chapter, found: Sequence[Drawn | None], scale: float) -> str:
+def page(chapter: Chapter, found: Sequence[Result | None], scale: float) -> str:
     """A chapter as far as it has been made."""
     lines = [
         f"# {chapter.title}",
@@ -336,7 +334,7 @@ def main() -> None:
     asked.add_argument("chapters", nargs="*", choices=[*CHAPTERS, []], metavar="CHAPTER")
     given = asked.parse_args()
     for name in given.chapters or CHAPTERS:
-        for found in draw(name, given.out, given.scale, given.jobs, anew=given.anew):
+        for found in results(name, given.out, given.scale, given.jobs, anew=given.anew):
             text = page(CHAPTERS[name], found, given.scale)
             (PAGES / f"book-{name}.md").write_text(text, encoding="utf-8")
         print(f"docs/validation/book-{name}.md", flush=True)

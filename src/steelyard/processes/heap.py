@@ -27,8 +27,8 @@ def give_back() -> None:
 
 def keep_for_reuse() -> None:
     """Keep what matrices leave behind for the next ones, as the C library does by itself (glibc) where
-    nobody has said otherwise: workers of Dask begin with ``MALLOC_TRIM_THRESHOLD_``, which takes two
-    fifths longer.
+    nobody has said otherwise: workers of Dask begin with ``MALLOC_TRIM_THRESHOLD_``, and take a third
+    longer with it.
     """
     library = _library()
     if library is not None and hasattr(library, "mallopt"):

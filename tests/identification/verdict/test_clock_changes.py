@@ -10,7 +10,8 @@ from simulated import sound, studied
 
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.settings import FitSettings
-from steelyard.identification.verdict.clock_changes import delay_changes, set_clocks
+from steelyard.identification.verdict import clock_changes
+from steelyard.identification.verdict.clock_changes import ClockChange, delay_changes, set_clocks
 from steelyard.identification.verdict.settings import VERDICT
 from steelyard.inspection.identify import identify
 
@@ -76,6 +77,24 @@ def test_an_estimate_across_it_is_rejected_and_two_runs_are_accepted():
     )
     verdict = identify(replace(late, runs=parts), ["maximum-likelihood"]).estimate.verdict
     assert verdict.accepted, verdict.reasons
+
+
+@pytest.mark.parametrize(
+    ("size", "within_clock", "shift", "counts"),
+    [
+        (0.007, True, 0.7, False),
+        (0.007, False, 0.7, True),
+        (0.025, True, 0.7, True),
+        (0.007, True, 1.2, True),
+        (0.004, False, 0.7, False),
+    ],
+)
+def test_within_a_clock_a_few_milliseconds_are_friction(
+    monkeypatch, size, within_clock, shift, counts
+):
+    change = ClockChange("run", ("cables",), 17.2, 5.1, size, size / 5.1, shift, within_clock)
+    monkeypatch.setattr(clock_changes, "delay_changes", lambda posterior, settings: [change])
+    assert list(set_clocks(None)) == [change] * counts
 
 
 def test_what_to_do_depends_on_whether_the_clock_is_shared():

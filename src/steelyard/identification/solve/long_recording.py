@@ -4,7 +4,7 @@ that a fit has the memory for, about these.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -77,14 +77,14 @@ def _within(experiment: Experiment, run: Run, first: float, last: float) -> Run:
 
 
 def fitted_windows(
-    runs: Sequence[Run], attempted: Iterable[Attempt], tell: Callable[[float], None]
+    runs: Sequence[Run], attempted: Iterator[Attempt], tell: Callable[[float], None]
 ) -> list[FittedStretch]:
     """All windows that tell a motion; of the others the last one has a note: an hour is not lost for a
     minute without a tracker, or one in which the platform rests.
 
     Args:
         runs: Windows of a long recording, of which a part has been fitted.
-        attempted: What each tells, or why it does not.
+        attempted: What each of them tells, or why it does not.
         tell: Is told the fraction that is done.
 
     Raises:
@@ -94,9 +94,9 @@ def fitted_windows(
     found: list[FittedStretch] = []
     left_out: list[Run] = []
     why: Exception | None = None
-    tell(0.0)
-    for i, (window, attempt) in enumerate(zip(runs, attempted, strict=True)):
-        tell((i + 1) / len(runs))
+    for i, window in enumerate(runs):
+        tell(i / len(runs))
+        attempt = next(attempted)
         if isinstance(attempt, Exception):
             if window.static:
                 raise attempt
