@@ -10,6 +10,7 @@ from steelyard.dynamics import (
     platform_wrench,
     point_specific_force,
     specific_force_at,
+    wrench_about,
 )
 from steelyard.inertia import LINEAR_PARAMETERS, Inertia, PinocchioParameters
 
@@ -177,3 +178,13 @@ def test_specific_force_of_a_point_and_how_it_follows_the_point():
         # It is linear in the point: any step does.
         moved, _ = specific_force_at(force, omega, alpha, point + step * np.eye(3)[j])
         np.testing.assert_allclose(by_point[:, :, j], (moved - found) / step, atol=1e-9)
+
+
+def test_a_wrench_about_another_point_is_that_of_pinocchio():
+    rng = np.random.default_rng(5)
+    wrenches, point = rng.normal(size=(4, 6)), rng.normal(size=3)
+    there = pin.SE3(np.eye(3), point)
+    expected = np.array([there.actInv(pin.Force(w[:3], w[3:])).vector for w in wrenches])
+    close(wrench_about(wrenches, point), expected)
+    close(wrench_about(wrenches[0], point), expected[0])
+    close(wrench_about(wrenches.T[None], point), expected.T[None])

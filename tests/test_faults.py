@@ -32,7 +32,10 @@ KEPT = {
         "steelyard.report.write:page",
         "steelyard.report.write:markdown",
     ),
-    "convert": ("steelyard.experiment.read:read_experiment", "steelyard.experiment.tidy:tidied"),
+    "convert": (
+        "steelyard.experiment.read:read_experiment",
+        "steelyard.experiment.equivalent.tidy:tidied",
+    ),
     "design": (
         "steelyard.cli.designs.request:design_task",
         "steelyard.cli.designs.request:checked_motion",

@@ -179,3 +179,16 @@ def _samples(vectors: Mapping[str, ArrayLike]) -> dict[str, Array]:
                 )
         found[name] = array
     return found
+
+
+def wrench_about(wrench: Array, point: Array) -> Array:
+    """Wrenches about another point: n - c x f.
+
+    Args:
+        wrench: Force over torque about the origin [N], [N m], shape (6,), (n, 6) or (n, 6, k).
+        point: c, in the frame of the wrenches [m], shape (3,).
+    """
+    axis = min(1, wrench.ndim - 1)
+    force, torque = np.split(wrench, 2, axis=axis)
+    lever = np.reshape(point, [3 if i == axis else 1 for i in range(wrench.ndim)])
+    return np.concatenate([force, torque - np.cross(lever, force, axis=axis)], axis=axis)

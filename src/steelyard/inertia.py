@@ -104,6 +104,14 @@ class Inertia:
             )
         object.__setattr__(self, "inertia", readonly(matrix / 2 + matrix.T / 2, (3, 3), "inertia"))
 
+    def about(self, point: Array) -> Inertia:
+        """The same body in a frame whose origin is at a point of the present one.
+
+        Args:
+            point: In the present frame [m], shape (3,).
+        """
+        return Inertia(self.mass, self.center_of_gravity - point, self.inertia)
+
     # Forms
 
     @property

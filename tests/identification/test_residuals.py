@@ -33,9 +33,7 @@ def experiment(tmp_path_factory):
 def found(request, experiment):
     identification = identify(experiment, [request.param()])
     estimate = identification.estimates[identification.result]
-    readings = residuals(
-        identification.recorded, identification.posterior, estimate.body.parameters
-    )
+    readings = residuals(identification.posterior, estimate.body)
     return identification, {(each.instrument, each.quantity): each for each in readings}
 
 
@@ -98,10 +96,7 @@ def test_angles_go_with_their_residuals(found):
 def test_predicted_wrench_is_that_of_the_body_on_the_fitted_motion(experiment):
     identification = identify(experiment, [MaximumLikelihood()])
     motion, body = identification.motion[0], identification.estimates["maximum-likelihood"].body
-    readings = {
-        (e.instrument, e.quantity): e
-        for e in residuals(identification.recorded, identification.posterior, body.parameters)
-    }
+    readings = {(e.instrument, e.quantity): e for e in residuals(identification.posterior, body)}
     force, torque = readings[PLATFORM, "force"], readings[PLATFORM, "torque"]
     inside = (force.time > motion.time[0]) & (force.time < motion.time[-1])
 
@@ -130,16 +125,14 @@ def test_predicted_wrench_is_that_of_the_body_on_the_fitted_motion(experiment):
 def test_measured_wrench_is_that_of_the_cables(experiment):
     identification = identify(experiment, [MaximumLikelihood()])
     joint, robot = identification.posterior, experiment.robot
-    readings = {
-        (e.instrument, e.quantity): e
-        for e in residuals(identification.recorded, joint, np.full(10, np.nan))
-    }
+    readings = {(e.instrument, e.quantity): e for e in residuals(joint)}
     samples = joint.samples[0]
     offset = np.array(
         identification.estimates["maximum-likelihood"].calibration["cables"]["offset"]["value"]
     )
     tension = readings["cables", "tension"].measured - offset
-    structure = cables_at(robot, samples.position, samples.rotation, tension).structure
+    position = samples.position + samples.rotation @ joint.experiment.origin
+    structure = cables_at(robot, position, samples.rotation, tension).structure
     wrench = np.hstack([readings[PLATFORM, name].measured for name in ("force", "torque")])
     np.testing.assert_allclose(np.einsum("nkm,nm->nk", structure, tension), wrench, atol=1e-6)
 
@@ -161,8 +154,6 @@ def test_lengths_are_beside_what_ropes_that_damp_have_been_stretched_to():
     assert estimate.verdict.accepted
     damping = estimate.calibration["lengths"]["damping"]
     assert damping["value"][0] > 5 * damping["standard_deviation"][0]
-    readings = residuals(
-        identification.recorded, identification.posterior, estimate.body.parameters
-    )
+    readings = residuals(identification.posterior, estimate.body)
     (lengths,) = (each for each in readings if each.instrument == "lengths")
     assert np.sqrt(np.nanmean((lengths.residual / lengths.sigma) ** 2)) < 1.5

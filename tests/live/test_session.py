@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from other_frames import ANY_WAY, FAR, body_in_other_frame, in_other_frames
 from places import DATA
 from simulated import loaded
 
@@ -73,6 +74,19 @@ def test_a_replay_ends_where_the_recursion_does(points, recursive):
     assert last["mass"] == pytest.approx(recursive.value[0], abs=1.0)
     assert json.loads(json.dumps(last, allow_nan=False)) == last
     assert np.nanmax(records[0].deviation / records[-1].deviation) > 1.2
+
+
+def test_rows_are_in_the_platform_frame_as_it_is_stated(points):
+    _, records = replayed(points)
+    _, elsewhere = replayed(in_other_frames(points))
+    assert len(records) == len(elsewhere)
+    for one, other in zip(records, elsewhere, strict=True):
+        off = (other.value - body_in_other_frame(one.value)) / other.deviation
+        assert np.nanmax(np.abs(off), initial=0.0) < 1e-3
+        force, torque = np.split(ANY_WAY.inv().as_matrix() @ one.unmodelled.reshape(2, 3).T, 2, 1)
+        expected = torque[:, 0] + np.cross(FAR, force[:, 0])
+        np.testing.assert_allclose(other.unmodelled[:3], force[:, 0], atol=1e-3)
+        np.testing.assert_allclose(other.unmodelled[3:], expected, atol=1e-3)
 
 
 def test_a_row_waits_neither_for_the_past_nor_for_the_verdict(points):

@@ -5,7 +5,7 @@ solved in two independent ways.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -31,6 +31,13 @@ class Binding:
     plane: Array | None = None
     """The plane (n, d) with n^T r = d [m] in which the body is flat, n of unit length in the
     platform frame, shape (4,). None: a region."""
+
+    def about(self, point: Array) -> Binding:
+        """The same in a platform frame whose origin is at a point of the present one [m], shape (3,)."""
+        if self.plane is None:
+            return self
+        off = np.array([0.0, 0.0, 0.0, self.plane[:3] @ point])
+        return replace(self, plane=self.plane - off)
 
     def __str__(self) -> str:
         if self.plane is None:

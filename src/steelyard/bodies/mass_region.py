@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,6 +28,10 @@ class Box:
                 f"{self.name}: expected lower < upper, found {self.lower.tolist()},"
                 f" {self.upper.tolist()}"
             )
+
+    def about(self, point: Array) -> Box:
+        """The same in a platform frame whose origin is at a point of the present one [m], shape (3,)."""
+        return replace(self, lower=self.lower - point, upper=self.upper - point)
 
     @property
     def conditions(self) -> dict[str, Array]:
@@ -68,6 +72,10 @@ class Ellipsoid:
         R = np.asarray(self.R_platform_ellipsoid)
         if not np.allclose(R @ R.T, np.eye(3), atol=1e-9):
             raise WrongValueError(f"{self.name}: expected a rotation, found {R.tolist()}")
+
+    def about(self, point: Array) -> Ellipsoid:
+        """The same in a platform frame whose origin is at a point of the present one [m], shape (3,)."""
+        return replace(self, center=self.center - point)
 
     @property
     def conditions(self) -> dict[str, Array]:

@@ -192,18 +192,10 @@ def _by_lengths(
         known = numbers[placed]
         apart = reading.values[placed] - _drawn(robot, position[known], rotation[known])
         offset = np.nanmedian(apart, axis=0)
-    start = np.median(position[~missing], axis=0) if (~missing).any() else _middle(robot)
+    start = (
+        np.median(position[~missing], axis=0) if (~missing).any() else robot.below_anchors(_DEPTH)
+    )
     for number, seen in zip(numbers[~placed], reading.values[~placed], strict=True):
         position[number] = _placed(robot, rotation[number], seen - offset, start)
     rest = np.isnan(position).any(axis=1)
     position[rest] = start
-
-
-def _middle(robot: Robot) -> Array:
-    """A place among the anchors and well below the highest, [m], shape (3,): there is another answer
-    to the same lengths above them.
-    """
-    place = robot.anchors.mean(axis=0)
-    span = float(np.ptp(robot.anchors[:, :2], axis=0).max())
-    place[2] = robot.anchors[:, 2].max() - _DEPTH * span
-    return np.asarray(place)

@@ -139,6 +139,24 @@ class Estimate(Tabular):
         ]
         return False if (known <= 0).any() else None
 
+    def about(self, point: Array) -> Estimate:
+        """The same in a platform frame whose origin is at a point of the present one; other loads and
+        runs stay as they are.
+
+        Args:
+            point: In the platform frame [m], shape (3,).
+        """
+        if not point.any():
+            return self
+        value = self.value.copy()
+        value[1:4] -= point
+        return replace(
+            self,
+            value=value,
+            per_mass=None if self.per_mass is None else self.per_mass.about(point),
+            geometry=None if self.geometry is None else self.geometry.about(point),
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values in the shape of the contract."""
         entries: dict[str, Any] = {

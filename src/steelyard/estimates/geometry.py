@@ -27,6 +27,15 @@ class FoundGeometry:
     covariance: Array
     """Of the nine of :data:`.PER_MASS_PARAMETERS` and of these, shape (9 + 6 m, 9 + 6 m)."""
 
+    def about(self, point: Array) -> FoundGeometry:
+        """The same in a platform frame whose origin is at a point of the present one.
+
+        Args:
+            point: In the platform frame [m], shape (3,).
+        """
+        shift = np.array([np.zeros(3), point])[:, None]
+        return replace(self, nominal=self.nominal - shift, points=self.points - shift)
+
     def names(self) -> tuple[str, ...]:
         """Of rows and columns of the covariance."""
         m = self.points.shape[1]

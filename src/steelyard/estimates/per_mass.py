@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -55,6 +55,14 @@ class PerMass:
         found[3:, 4:] = np.eye(6) / mass
         found[3:, 0] = -np.where(np.isfinite(ratios), ratios, 0.0) / mass
         return found
+
+    def about(self, point: Array) -> PerMass:
+        """The same in a platform frame whose origin is at a point of the present one.
+
+        Args:
+            point: In the platform frame [m], shape (3,).
+        """
+        return replace(self, value=self.value - np.concatenate([point, np.zeros(6)]))
 
     @property
     def inertia(self) -> Array:

@@ -97,6 +97,9 @@ class Experiment:
     mass_walk: float = 0.0
     """Density of the random walk of the mass, where something runs out or in, at the centre of gravity
     [kg/sqrt(s)]; what is known of the mass is that at the beginning. 0: it stays."""
+    origin: Array = field(default_factory=lambda: np.zeros(3))
+    """Where the origin of the platform frame is in which all was stated, in the one in which it is told
+    here [m], shape (3,)."""
 
     @classmethod
     def from_frames(

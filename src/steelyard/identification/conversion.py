@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from steelyard.errors import InputError
+from steelyard.experiment.equivalent.tidy import tidied
 from steelyard.experiment.given import GivenExperiment, experiment_of
 from steelyard.experiment.model import Experiment
-from steelyard.experiment.tidy import tidied
 from steelyard.experiment.write import TableFormat, write_experiment
 from steelyard.identification.synchronisation import Progress, synchronised
 from steelyard.output import check_target, results_folder, write_file

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
-from steelyard.dynamics import platform_wrench
+from steelyard.dynamics import platform_wrench, wrench_about
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.balance import Forces, balance_of, parts_of
@@ -33,6 +33,7 @@ from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.posterior import Posterior
+from steelyard.inertia import Inertia
 from steelyard.instruments import Instrument
 
 PLATFORM = "platform"
@@ -69,22 +70,23 @@ class Residuals:
 
 
 def residuals(
-    experiment: Experiment, posterior: Posterior, parameters: Array
+    posterior: Posterior, body: Inertia | None = None, runs: Container[str] | None = None
 ) -> Iterator[Residuals]:
     """Readings of an experiment beside what a fit says of them: first the wrench on the platform,
-    then the instruments, run by run.
+    about its origin, then the instruments, run by run.
 
     Args:
-        experiment: That was fitted, with its clocks found; of its runs those that are to be shown.
         posterior: The fit.
-        parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS` of the estimate, shape
-            (10,); NaN: not all of them are identifiable, so that those of the fit say what the
-            forces should have been.
+        body: The estimate, in the platform frame as it was stated; None: not all of it is
+            identifiable, so that what the fit has says what the forces should have been.
+        runs: Names of those that are to be shown; None: all.
     """
-    state = posterior.fit.state
-    if np.isfinite(parameters).all():
-        state = replace(state, parameters=parameters)
+    experiment, state = posterior.experiment, posterior.fit.state
+    if body is not None:
+        state = replace(state, parameters=body.about(-experiment.origin).parameters)
     for run in experiment.runs:
+        if runs is not None and run.name not in runs:
+            continue
         own = _parts_of(posterior, run)
         yield from _forces(experiment, run, own, state)
         yield from _motion(experiment, run, own, state)
@@ -217,12 +219,12 @@ def _looked_at(
     assert state.parameters is not None
     at = balance_of(experiment, segment, forces, calibration, state.parameters, factors)
     # Of readings only: what the balance itself is off by may come after them.
-    sigma = forces.sigmas(segment, factors)
+    sigma, origin = forces.sigmas(segment, factors), experiment.origin
     return _LookedAt(
         _common(experiment, segment, calibration, forces.name, forces.time),
-        at.wrench,
-        at.left_over,
-        at.noise.variance,
+        wrench_about(at.wrench, origin),
+        wrench_about(at.left_over, origin),
+        np.sum(wrench_about(at.noise.parts, origin) ** 2, axis=2),
         at.correction[:, : sigma.shape[1]] * sigma,
         forces.left_out | forces.guessed,
     )

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.dynamics import wrench_about
 from steelyard.identification.model.balance import balance_of
 from steelyard.identification.recursive.following import Following
 
 
 def left_over(following: Following) -> Array:
-    """Mean wrench of the last chunk that the body does not explain, about the platform origin, in
-    platform axes [N], [N m], shape (6,); NaN where no force was read.
+    """Mean wrench of the last chunk that the body does not explain, about the platform origin as it
+    is stated, in platform axes [N], [N m], shape (6,); NaN where no force was read.
 
     Args:
         following: The motion and what is known.
@@ -31,4 +32,5 @@ def left_over(following: Following) -> Array:
         state.parameters,
         state.factors,
     )
-    return np.asarray(np.mean(at.left_over + at.by_wrench, axis=0))
+    wrench = np.mean(at.left_over + at.by_wrench, axis=0)
+    return wrench_about(wrench, following.experiment.origin)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate, no_estimate, plausible_radius
+from steelyard.experiment.equivalent.platform_frame import centred, run_about
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.methods.loads import drawn
@@ -87,11 +89,16 @@ class Session:
 
     @property
     def run(self) -> Run:
-        """What is at hand."""
+        """What is at hand, in the platform frame in which the motion is followed."""
         streams = {name: each for name, each in self.buffer.streams.items() if len(each)}
         sync = {name: time for name, time in self.sync.items() if name in streams}
         name = self.name if self.following is None else self.following.like.segment.run
-        return Run(name, streams, sync)
+        return run_about(Run(name, streams, sync), self.plan.instruments, -self._centred.origin)
+
+    @cached_property
+    def _centred(self) -> Experiment:
+        """The plan in the platform frame in which the motion is followed."""
+        return centred(self.plan)
 
     @property
     def last(self) -> Mapping[str, float]:
@@ -144,7 +151,7 @@ class Session:
             return found
         try:
             own = replace(found.settings.recursion, begin=length)
-            experiment = replace(found.plan, runs=(found.run,))
+            experiment = replace(found._centred, runs=(found.run,))
             following = begin(experiment, own=own)
             if following.begun.fit.converged:
                 own = found.settings.recursion
@@ -230,10 +237,12 @@ class Session:
         force = following.like.forces.name
         origin = found.sync[force]
         happened = following.events[len(before.events) :]
+        value = instant.value.copy()
+        value[1:4] -= following.experiment.origin
         record = Record.of(
             instant.time + origin,
             following.carried,
-            instant.value,
+            value,
             instant.covariance,
             plausible_radius(found.plan.robot),
             None if verdict is None else verdict.accepted,

@@ -167,6 +167,19 @@ class Robot:
         """Unit vector against gravity, world frame, shape (3,)."""
         return -self.gravity / np.linalg.norm(self.gravity)
 
+    def below_anchors(self, depth: float) -> Array:
+        """A place amid the anchors, below the highest of them, world frame [m], shape (3,).
+
+        Args:
+            depth: How far below, in parts of the width that the anchors span.
+        """
+        heights = self.anchors @ self.up
+        across = self.anchors - heights[:, None] * self.up
+        middle = across.mean(axis=0)
+        # Of a square this is its side, whichever way it is turned.
+        width = np.sqrt(2 * np.mean(np.sum((across - middle) ** 2, axis=1)))
+        return np.asarray(middle + (heights.max() - depth * width) * self.up)
+
     @property
     def size(self) -> float:
         """Radius of the platform as its attachments show it [m]: about their middle, of a single place

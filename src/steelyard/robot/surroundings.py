@@ -25,9 +25,9 @@ def middle_of(robot: Robot) -> Array:
     """A place amid those that a platform reaches: below the middle of its anchors, world frame [m],
     shape (3,).
     """
-    middle = np.array(robot.anchors.mean(axis=0))
-    middle[2] -= 0.5 * float(np.linalg.norm(robot.anchors - middle, axis=1).mean())
-    return middle
+    middle = robot.anchors.mean(axis=0)
+    distance = np.linalg.norm(robot.anchors - middle, axis=1).mean()
+    return np.asarray(middle - 0.5 * distance * robot.up)
 
 
 def hose_wrench(position: Symbol, rotation: Symbol, gravity: Symbol, hose: Symbol) -> Symbol:

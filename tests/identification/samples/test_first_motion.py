@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from other_frames import ANY_WAY, in_other_frames
 from scipy.spatial.transform import Rotation
 from simulated import PAPER, RECORDER, changed
 
+from steelyard.experiment.equivalent.platform_frame import centred
 from steelyard.identification.samples.first_motion import (
     FIRST_MOTION,
     first_motion,
@@ -42,6 +44,23 @@ def recording(seed, **instruments):
         for name, quantities in kept.items()
     }
     return replace(whole, runs=(replace(run, streams=streams),))
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize("name", sorted(SETS.keys() - {"tracker alone"}))
+def test_poses_are_found_in_any_frame(name):
+    # A place and forces alone are not identified: several poses go with them.
+    instruments, distance, angle = SETS[name]
+    experiment = centred(in_other_frames(recording(2, **instruments)))
+    found = first_motion(experiment, experiment.runs[0])
+    true = RECORDER.response.at(found.time)
+    place = true.position + true.rotation @ RECORDER(2).robot.attachments.mean(axis=0)
+    R_world_platform = ANY_WAY.as_matrix() @ true.rotation @ ANY_WAY.as_matrix()
+    apart = np.swapaxes(R_world_platform, 1, 2) @ found.rotation
+    turned = Rotation.from_matrix(apart).magnitude()
+    far = found.position - place @ ANY_WAY.as_matrix().T
+    assert np.sqrt(np.mean(far**2)) < distance
+    assert np.sqrt(np.mean(turned**2)) < angle
 
 
 @pytest.mark.integration

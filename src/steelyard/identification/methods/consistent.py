@@ -65,14 +65,15 @@ class Consistent(PosteriorMethod):
             )
         if found.parameters[0] <= 0 or not np.isfinite(found.parameters).all():
             return finished(found, name, settings=self.verdict)
+        regions = [each.about(-found.experiment.origin) for each in self.regions]
         weight = (
-            _weight(found, self.regions, nominal)
+            _weight(found, regions, nominal)
             if self.towards_nominal and nominal is not None
             else None
         )
         spread = found.solution.covariance[:TEN, :TEN]
         problem = body_problem(
-            found.parameters, spread, found.size, self.regions, nominal, weight or 0.0
+            found.parameters, spread, found.size, regions, nominal, weight or 0.0
         )
         return _finished(found, problem, solve(problem), weight, name, self.verdict)
 
@@ -122,6 +123,7 @@ def _finished(
 ) -> Estimate:
     """The estimate of a consistent body, with what the constraints cost."""
     J = body_jacobian(body.parameters)
+    binding = [str(each.about(found.experiment.origin)) for each in body.binding]
     spread = found.solution.covariance[:TEN, :TEN]
     if problem.prior_weight:
         spread = covariance(problem, body)
@@ -129,7 +131,7 @@ def _finished(
         "constraints": {
             "status": body.status,
             "misfit": body.misfit,
-            "binding": [str(each) for each in body.binding],
+            "binding": binding,
             "disagreement_of_two_solvers": body.disagreement,
         }
     }
@@ -138,10 +140,7 @@ def _finished(
     if body.binding:
         freedom = max(1, len(body.binding))
         chance = float(chi2_tail(body.misfit, freedom))
-        words = (
-            f"{'; '.join(str(each) for each in body.binding)}; that costs a chi-square of"
-            f" {body.misfit:.1f}"
-        )
+        words = f"{'; '.join(binding)}; that costs a chi-square of {body.misfit:.1f}"
         said = (
             "what the data say alone is no body, and the nearest one is on the edge of what can"
             f" exist: {words}"

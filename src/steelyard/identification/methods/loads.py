@@ -22,7 +22,8 @@ from steelyard.inertia import TEN, Inertia, body_jacobian
 
 
 def drawn(of: Callable[[Posterior], Estimate], posterior: Posterior) -> Estimate:
-    """The estimate of a posterior, with those of all loads where there are several.
+    """The estimate of a posterior in the platform frame as it was stated, with those of all loads where
+    there are several.
 
     Args:
         of: From the posterior of a load to its estimate.
@@ -31,9 +32,9 @@ def drawn(of: Callable[[Posterior], Estimate], posterior: Posterior) -> Estimate
     Raises:
         InputError: As ``of`` does.
     """
-    loads = posterior.experiment.loads
+    loads, origin = posterior.experiment.loads, posterior.experiment.origin
     if not loads:
-        return of(posterior)
+        return of(posterior).about(origin)
     seen = {load.name: posterior.of_load(load) for load in loads}
     estimates = {name: of(each) for name, each in seen.items()}
     # Gains that one load contradicts are in the others too.
@@ -58,6 +59,7 @@ def drawn(of: Callable[[Posterior], Estimate], posterior: Posterior) -> Estimate
         at = Inertia.from_body_parameters(value).parameters if told else each.parameters
         jacobian[own, own] = body_jacobian(at)
     change = jacobian @ np.vstack(list(posterior.joint_change))
+    estimates = {name: each.about(origin) for name, each in estimates.items()}
     return _together(estimates, change @ posterior.solution.covariance @ change.T)
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, Protocol
 
 from steelyard.estimates.estimate import Estimate, no_estimate
+from steelyard.experiment.equivalent.platform_frame import centred
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.fall_back import fit_that_arrives
 from steelyard.identification.methods.loads import drawn
@@ -24,7 +25,8 @@ from steelyard.identification.verdict.resonance import resonance
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 
 Fit = Callable[[Experiment, Progress], Posterior]
-"""From an experiment to what estimates are drawn from; equal ones give the same."""
+"""From an experiment to what estimates are drawn from; equal ones give the same. It is told in the
+platform frame of :func:`.centred`."""
 
 
 class Method(Protocol):
@@ -100,10 +102,12 @@ class PosteriorMethod(ABC):
 
     @abstractmethod
     def of(self, posterior: Posterior) -> Estimate:
-        """Estimate from a posterior of :attr:`fit`."""
+        """Estimate from a posterior of :attr:`fit`, in its platform frame."""
 
     def drawn(self, posterior: Posterior) -> Estimate:
-        """The same, with the estimates of all loads where there are several."""
+        """The same in the platform frame as it was stated, with the estimates of all loads where there
+        are several.
+        """
         return drawn(self.of, posterior)
 
 
@@ -128,6 +132,7 @@ class JointMotion:
 
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Posterior:
         """Posterior of an experiment; raises as :func:`.fit_that_arrives` does."""
+        experiment = centred(experiment)
         found = fit_that_arrives(experiment, progress, settings=self.settings)
         moving = resonance(found, self.verdict)
         if moving is None or moving.name != "bends" or follows(found.fit.state, moving.frequency):
@@ -147,4 +152,4 @@ class HeldMotion:
 
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Posterior:
         """Posterior of an experiment; raises as :func:`.fit_with_held_motion` does."""
-        return fit_with_held_motion(experiment, progress, settings=self.settings)
+        return fit_with_held_motion(centred(experiment), progress, settings=self.settings)

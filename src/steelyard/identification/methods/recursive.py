@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from steelyard.estimates.estimate import Estimate
+from steelyard.experiment.equivalent.platform_frame import centred
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.consistent import Consistent
 from steelyard.identification.methods.method import Fit, PosteriorMethod
@@ -31,7 +32,7 @@ class AsItArrives:
                 progress(f"recursive: {what}", fraction)
 
         def posterior() -> Posterior:
-            *_, last = follow(experiment, tell, self.settings, self.own)
+            *_, last = follow(centred(experiment), tell, self.settings, self.own)
             return last.posterior
 
         return sound(posterior)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from steelyard import rotations
-from steelyard.arrays import Array
+from steelyard.arrays import Array, readonly
 from steelyard.batch import Batched
 from steelyard.display import printable
 from steelyard.identification.model.motion_segment import Segment
@@ -43,6 +43,8 @@ _AXES = {
 _ROTATION_SIGMAS = ("sigma_rx", "sigma_ry", "sigma_rz")
 RATE = 100.0
 """At which it is written [Hz]."""
+PLATFORM_ORIGIN = readonly(np.zeros(3), (3,), "origin")
+"""In its own frame [m]."""
 _AT_ONCE = 512
 """Instants whose covariance is held at once, which bounds the memory."""
 
@@ -86,28 +88,49 @@ class FittedMotion(Tabular):
 
 @cache
 def _state() -> Batched:
-    """Quantities of the motion with their derivatives by pose, rate and acceleration, as expressions."""
+    """Quantities of the motion of a point of the platform with their derivatives by pose, rate and
+    acceleration, as expressions.
+    """
+    point = ca.SX.sym("point", 3)
     pose, rate, acceleration = (ca.SX.sym(name, POSE) for name in ("pose", "rate", "acceleration"))
     at = ca.SX.sym("at", POSE)
     state = state_of_pose(pose, rate, acceleration, ca.DM.zeros(3))
     present = state_of_pose(at, rate, acceleration, ca.DM.zeros(3)).rotation
     turned = rotations.log(present.T @ state.rotation)
-    outputs = ca.vertcat(pose[:3], turned, rate[:3], state.omega, acceleration[:3], state.alpha)
+    lever = state.rotation @ point
+    spin, change = (state.rotation @ each for each in (state.omega, state.alpha))
+    moves = ca.cross(spin, lever)
+    place, velocity = pose[:3] + lever, rate[:3] + moves
+    speeds_up = acceleration[:3] + ca.cross(change, lever) + ca.cross(spin, moves)
+    outputs = ca.vertcat(place, turned, velocity, state.omega, speeds_up, state.alpha)
     derivatives = {
         f"by_{name}": ca.densify(ca.substitute(ca.jacobian(outputs, symbol), at, pose))
         for name, symbol in (("pose", pose), ("rate", rate), ("acceleration", acceleration))
     }
     return Batched(
         "state",
-        {"pose": pose, "rate": rate, "acceleration": acceleration},
-        {"omega": state.omega, "alpha": state.alpha, **derivatives},
+        {"pose": pose, "rate": rate, "acceleration": acceleration, "point": point},
+        {
+            "position": place,
+            "velocity": velocity,
+            "acceleration": speeds_up,
+            "omega": state.omega,
+            "alpha": state.alpha,
+            **derivatives,
+        },
     )
 
 
 def fitted_motion(
-    segment: Segment, inverse: Array, followed: Array, border: Array, times: Array | None = None
+    segment: Segment,
+    inverse: Array,
+    followed: Array,
+    border: Array,
+    times: Array | None = None,
+    *,
+    point: Array = PLATFORM_ORIGIN,
 ) -> FittedMotion:
-    """Motion along a segment.
+    """Motion of a point of the platform along a segment.
 
     Args:
         segment: With its motion.
@@ -115,6 +138,7 @@ def fitted_motion(
         followed: How these follow the border parameters, with the opposite sign, shape (N, b).
         border: Covariance of the border parameters, shape (b, b).
         times: Where to look [s]; None: at :data:`RATE` between the first and the last reading.
+        point: In the platform frame [m], shape (3,).
     """
     if times is None:
         read = [reading.time for reading in segment.readings]
@@ -124,7 +148,7 @@ def fitted_motion(
     values, vectors = np.linalg.eigh(border)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     parts = [
-        _part(segment, inverse, followed, root, times[i : i + _AT_ONCE])
+        _part(segment, inverse, followed, root, times[i : i + _AT_ONCE], point)
         for i in range(0, max(len(times), 1), _AT_ONCE)
     ]
     stacked = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -133,12 +157,12 @@ def fitted_motion(
 
 
 def _part(
-    segment: Segment, inverse: Array, followed: Array, root: Array, times: Array
+    segment: Segment, inverse: Array, followed: Array, root: Array, times: Array, point: Array
 ) -> dict[str, Array]:
-    """The motion at some times, with its 1-sigma."""
+    """The motion of a point at some times, with its 1-sigma."""
     local = segment.basis(times)
     pose, rate, acceleration, _ = motion_at(local, segment.coefficients)
-    found = _state()(pose=pose, rate=rate, acceleration=acceleration)
+    found = _state()(pose=pose, rate=rate, acceleration=acceleration, point=point)
     block = segment.block
     by_order = (found[f"by_{name}"] for name in ("pose", "rate", "acceleration"))
     rows = spread(local, *by_order, block=block)
@@ -153,11 +177,11 @@ def _part(
         scalar_first=True, canonical=False
     )
     return {
-        "position": pose[:, :3],
+        "position": found["position"],
         "rotation": quaternion,
-        "velocity": rate[:, :3],
+        "velocity": found["velocity"],
         "angular_velocity": found["omega"],
-        "acceleration": acceleration[:, :3],
+        "acceleration": found["acceleration"],
         "angular_acceleration": found["alpha"],
         **{f"sigma_{name}": sigma[:, 3 * i : 3 * i + 3] for i, name in enumerate(QUANTITIES)},
     }

@@ -53,9 +53,14 @@ _LENGTH = 0.01
 _ANGLE = 0.05
 """The same of an orientation [rad]."""
 _REACH, _TURN = 5.0, 0.5
-"""1-sigma of the poses beforehand about the first guess [m] and about the world's axes [rad]."""
+"""1-sigma of the poses beforehand about the first guess [m], [rad]."""
 _VERTICAL = 0.7
 """Part of the tensions that carries weight, roughly."""
+_HEADINGS = 8
+"""That a platform is looked for with."""
+_FITS = 0.2
+"""Mean square of the residuals below which poses are not looked for any further: of right ones it is
+0.08 to 0.17 in recordings at hand, of wrong ones 0.3 and more, since all 1-sigma are generous."""
 _ITERATIONS = 80
 """After which a search that goes astray ends."""
 _SETTLED = 1e-4
@@ -135,13 +140,17 @@ def first_motion(experiment: Experiment, run: Run) -> FirstMotion | None:
     if problem is None:
         return None
     few = np.unique(np.linspace(0, len(problem.time) - 1, _FEW).astype(int))
-    anchors = experiment.robot.anchors
-    span = float(np.ptp(anchors[:, :2], axis=0).max())
-    begun = []
-    for depth in _DEPTHS:
-        place = np.array([*anchors[:, :2].mean(axis=0), anchors[:, 2].max() - depth * span])
-        begun.append(_solved(problem.at(few), _Poses.at_rest(place, len(few), problem.mean)))
-    best, _ = min(begun, key=lambda each: each[1])
+    robot, some = experiment.robot, problem.at(few)
+    best, cost = None, np.inf
+    for turned in _turned(some, robot.up):
+        if cost < _FITS * some.numbers:
+            break
+        for depth in _DEPTHS:
+            begun = _Poses.at_rest(robot.below_anchors(depth), turned, len(few), problem.mean)
+            found, there = _solved(some, begun)
+            if there < cost:
+                best, cost = found, there
+    assert best is not None
     poses, _ = _solved(problem, best.spread(problem.time[few], problem.time))
     columns = {
         name: poses.shared[_BODY + i * experiment.robot.m :][: experiment.robot.m]
@@ -162,9 +171,9 @@ class _Poses:
     """Body and offsets, shape (g,)."""
 
     @classmethod
-    def at_rest(cls, place: Array, count: int, shared: Array) -> _Poses:
+    def at_rest(cls, place: Array, turned: Array, count: int, shared: Array) -> _Poses:
         """All the same."""
-        return cls(np.tile(place, (count, 1)), np.tile(np.eye(3), (count, 1, 1)), shared)
+        return cls(np.tile(place, (count, 1)), np.tile(turned, (count, 1, 1)), shared)
 
     def spread(self, from_time: Array, to_time: Array) -> _Poses:
         """At other instants: places between, the mean of the orientations."""
@@ -176,6 +185,24 @@ class _Poses:
         """A step further, shapes (k, 6) and (g,)."""
         turn = Rotation.from_rotvec(poses[:, 3:]).as_matrix()
         return _Poses(self.position + poses[:, :3], self.rotation @ turn, self.shared + shared)
+
+
+def _turned(problem: _Problem, up: Array) -> Iterator[Array]:
+    """How the platform may be turned, R_world_platform, shape (3, 3): as somebody has read it; else with
+    its axes along those of the world first, then with any heading where an accelerometer says what is
+    up, or any way that brings the axes of a cube onto themselves.
+    """
+    if problem.turned is not None:
+        yield problem.turned
+        return
+    yield np.eye(3)
+    felt = problem.readings["felt"].mean(axis=0)
+    if not felt.any():
+        yield from Rotation.create_group("O").as_matrix()
+        return
+    upright, _ = Rotation.align_vectors(up, felt)
+    for heading in np.arange(_HEADINGS) * 2 * np.pi / _HEADINGS:
+        yield (Rotation.from_rotvec(heading * up) * upright).as_matrix()
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,6 +218,13 @@ class _Problem:
     sigma: Array
     lengths: tuple[str, ...]
     """Instruments of lengths."""
+    turned: Array | None
+    """Mean of R_world_platform as it was read, shape (3, 3); None: it was not."""
+
+    @property
+    def numbers(self) -> int:
+        """Of the residuals at all instants."""
+        return len(self.time) * self.residuals.shape_of("residual")[0]
 
     def at(self, some: Array) -> _Problem:
         """At some of the instants."""
@@ -200,7 +234,7 @@ class _Problem:
 
 def _solved(problem: _Problem, poses: _Poses) -> tuple[_Poses, float]:
     """Poses, body and offsets that fit best, and their cost."""
-    middle = poses.position.mean(axis=0)
+    middle, back = poses.position.mean(axis=0), poses.rotation.transpose(0, 2, 1)
     deviation = np.array([_REACH] * 3 + [_TURN] * 3)
 
     def evaluated(at: _Poses) -> tuple[dict[str, Array], Array, float]:
@@ -210,7 +244,7 @@ def _solved(problem: _Problem, poses: _Poses) -> tuple[_Poses, float]:
             shared=np.tile(at.shared, (len(at.position), 1)),
             **problem.readings,
         )
-        turned = Rotation.from_matrix(at.rotation).as_rotvec()
+        turned = Rotation.from_matrix(back @ at.rotation).as_rotvec()
         prior = np.hstack([at.position - middle, turned]) / deviation
         off = (at.shared - problem.mean) / problem.sigma
         cost = np.sum(found["residual"] ** 2) + np.sum(prior**2) + np.sum(off**2)
@@ -298,7 +332,24 @@ def _problem(experiment: Experiment, run: Run) -> _Problem | None:
             [[moment], np.full(3, moment * robot.size), *(sigma for _, sigma in offsets)]
         ),
         lengths,
+        _read_rotation(experiment, readings),
     )
+
+
+def _read_rotation(experiment: Experiment, readings: Mapping[str, Array]) -> Array | None:
+    """Mean of how the platform was turned, as the first instrument that reads it has it; None: none
+    does.
+    """
+    for name, instrument in experiment.instruments.items():
+        read = readings.get(f"{name}_orientation")
+        if read is None:
+            continue
+        mounting = instrument.mounting
+        whole = read[np.isfinite(read).all(axis=(1, 2))]
+        mean = Rotation.from_matrix(whole).mean().as_matrix()
+        frame = np.eye(3) if mounting.frame is None else mounting.frame.rotation
+        return np.asarray(frame @ mean @ mounting.rotation.T)
+    return None
 
 
 def _read(experiment: Experiment, run: Run) -> Iterator[tuple[str, str]]:

@@ -96,7 +96,7 @@ def _poses(
     experiment: Experiment, run: Run, samples: Samples, settings: MotionSettings
 ) -> Recorded:
     """The one segment of a run of poses at rest."""
-    numbers, pose = samples.time, poses_of(samples)
+    numbers, pose = samples.time, poses_of(samples, experiment.robot.up)
     readings = []
     for name, stream in run.streams.items():
         instrument = experiment.instruments[name]
@@ -164,7 +164,7 @@ def _moving(
         if swinging:
             # The balance is no looser than its equations: the motion has to be able to fulfil them.
             spacing = min(spacing, settings.swinging)
-    pose = poses_of(samples)
+    pose = poses_of(samples, experiment.robot.up)
     least = least_forces(experiment, run)
     segments, force_samples = [], []
     louder: dict[tuple[str, str], float] = {}

@@ -37,19 +37,23 @@ def started(
     return None if fitted is None else np.asarray(fitted.spline.c[:, :7])
 
 
-def poses_of(samples: Samples) -> Array:
-    """Position and quaternion that samples show, the latter without jumps of sign, shape (n, 7)."""
+def poses_of(samples: Samples, up: Array) -> Array:
+    """Position and quaternion that samples show, the latter without jumps of sign, shape (n, 7).
+
+    Args:
+        samples: Of a run.
+        up: Unit vector against gravity, world frame, shape (3,).
+    """
     n = len(samples)
     position = np.zeros((n, 3)) if samples.position is None else samples.position
-    rotation = _tilt(samples).as_matrix() if samples.rotation is None else samples.rotation
+    rotation = _tilt(samples, up).as_matrix() if samples.rotation is None else samples.rotation
     return np.hstack([position, quaternions_of(rotation)])
 
 
-def _tilt(samples: Samples) -> Rotation:
+def _tilt(samples: Samples, up: Array) -> Rotation:
     """Attitude of a body of which only its own feelings are known: gravity says where up is, the
     gyro how it has turned.
     """
-    up = np.array([0.0, 0.0, 1.0])
     turned = [Rotation.identity()]
     if not samples.static:
         for omega, step in zip(samples.omega[:-1], np.diff(samples.time), strict=True):

@@ -143,7 +143,8 @@ def concluded(chunks: Sequence[FittedStretch], *, courses: bool = True) -> Poste
     moving.reverse()
     # Each is drawn from matrices that take as much memory, and are done with then.
     motion = tuple(
-        _motion_of(moving.pop(), state, wide.covariance, estimated) for _ in range(len(moving))
+        _motion_of(moving.pop(), state, wide.covariance, estimated, task.experiment.origin)
+        for _ in range(len(moving))
     )
     return replace(result, solution=wide, motion=motion)
 
@@ -266,7 +267,11 @@ def _weights(parts: Sequence[SegmentEquations], held_out: frozenset[str]) -> dic
 
 
 def _motion_of(
-    part: SegmentEquations, state: FitState, covariance: Array, estimated: NDArray[np.bool_]
+    part: SegmentEquations,
+    state: FitState,
+    covariance: Array,
+    estimated: NDArray[np.bool_],
+    origin: Array,
 ) -> FittedMotion:
     """The motion of a segment in common time: the clock that tells it may have a delay of its own.
 
@@ -275,10 +280,12 @@ def _motion_of(
         state: With the calibration.
         covariance: Of the border parameters, shape (k, k).
         estimated: Which of them are estimated, shape (k,).
+        origin: Point of the platform whose motion it is, platform frame [m], shape (3,).
     """
     segment, parameters = part.segment, state.calibration.calibration_parameters
     border = covariance[np.ix_(estimated, estimated)]
-    motion = fitted_motion(segment, part.covariance, _followed(part, estimated), border)
+    followed = _followed(part, estimated)
+    motion = fitted_motion(segment, part.covariance, followed, border, point=origin)
     assert segment.reference is not None
     own = parameters.place(segment.reference, "delay", segment.run)
     delay = float((state.calibration.values[own] - parameters.mean[own])[0])

@@ -112,7 +112,8 @@ def _stated(
             if not each.vertical:
                 yield process
                 continue
-            share = _shares_of_heading(segment, instruments[source[0]])
+            up = task.experiment.robot.up
+            share = _shares_of_heading(segment, instruments[source[0]], up)
             yield replace(process, sizes=process.sizes * share)
     unmodelled = task.experiment.surroundings.unmodelled
     if forces is None or isinstance(unmodelled, UnmodelledForm):
@@ -191,12 +192,12 @@ def _losses(segment: Segment, source: Source, settings: MotionSettings) -> int:
     return int(np.sum(steps > max(settings.lost, 5 * float(np.median(steps)))))
 
 
-def _shares_of_heading(segment: Segment, instrument: Instrument) -> Array:
+def _shares_of_heading(segment: Segment, instrument: Instrument, up: Array) -> Array:
     """How much of a rotation about the vertical an orientation sees about each of its axes, rms along
     a segment, shape (3,).
     """
     local = segment.basis(np.linspace(*segment.span, 100))
     pose, *_ = motion_at(local, segment.coefficients)
     rotation = Rotation.from_quat(pose[:, [4, 5, 6, 3]]).as_matrix()
-    vertical = rotation[:, 2] @ instrument.mounting.rotation
+    vertical = (up @ rotation) @ instrument.mounting.rotation
     return np.asarray(np.maximum(np.sqrt(np.mean(vertical**2, axis=0)), _LEAST))

@@ -54,13 +54,16 @@ class KnownValue:
 
 
 def known_values(posterior: Posterior) -> Iterator[KnownValue]:
-    """Each against the readings with all else that is known; none that only its statement tells.
+    """Each against the readings with all else that is known, in the platform frame as it was stated;
+    none that only its statement tells.
 
     Args:
         posterior: Of the load that they are of.
     """
     size = plausible_sizes(float(posterior.parameters[0]), posterior.size)
     value = Inertia.from_parameters(posterior.parameters).body_parameters
+    shift = np.zeros(TEN)
+    shift[1:4] = posterior.experiment.origin
     variance = np.diag(posterior.body_covariance)
     for name, (stated, given) in posterior.experiment.known.items():
         i = BODY_PARAMETERS.index(name)
@@ -69,7 +72,8 @@ def known_values(posterior: Posterior) -> Iterator[KnownValue]:
         # Without forces all but what is known of the mass is the same for any mass.
         if told < _TOLD or (name == "mass" and is_unread(posterior.of_its_runs)):
             continue
-        yield _apart(name, BODY_UNITS[i], (stated, square), (value[i], variance[i]))
+        both = value[i] - shift[i], variance[i]
+        yield _apart(name, BODY_UNITS[i], (stated - shift[i], square), both)
     yield from _added_values(posterior)
 
 

@@ -23,7 +23,7 @@ from steelyard.identification.model.calibration_parameters import ROBOT, instrum
 from steelyard.identification.residuals import Residuals, of_samples, residuals
 from steelyard.identification.samples.preparation import Samples, prepare
 from steelyard.identification.solve.posterior import Posterior
-from steelyard.inertia import BODY_PARAMETERS, TEN
+from steelyard.inertia import BODY_PARAMETERS
 from steelyard.inspection.swings import excited_modes, swing_spectrum
 from steelyard.natural_frequencies.frequencies import frequencies
 from steelyard.report.evidence.thinning import THINNING, Thinning, evenly, rounded
@@ -85,7 +85,7 @@ def evidence_of(identification: Identification, thinning: Thinning = THINNING) -
     names = {run.name for run in shown.runs}
     estimate = identification.estimate
     posterior = identification.posterior
-    samples = posterior.samples if posterior else _prepared(shown)
+    samples = _placed(posterior) if posterior else _prepared(shown)
     motions: list[MotionTrack] = []
     for each in samples:
         if each.run in names:
@@ -233,6 +233,17 @@ def _prepared(experiment: Experiment) -> list[Samples]:
     return found
 
 
+def _placed(posterior: Posterior) -> list[Samples]:
+    """Samples of a fit, with the place of the platform origin as it was stated."""
+    origin = posterior.experiment.origin
+    return [
+        each
+        if each.position is None or each.rotation is None
+        else replace(each, position=each.position + each.rotation @ origin)
+        for each in posterior.samples
+    ]
+
+
 def _residuals(
     identification: Identification,
     shown: Experiment,
@@ -240,12 +251,12 @@ def _residuals(
     samples: Sequence[Samples],
 ) -> Iterator[Residuals]:
     """Measured and predicted readings of every quantity."""
-    parameters = estimate.body.parameters if estimate.body else np.full(TEN, np.nan)
     if identification.posterior:
-        yield from residuals(shown, identification.posterior, parameters)
+        names = {run.name for run in shown.runs}
+        yield from residuals(identification.posterior, estimate.body, names)
     elif estimate.body:
         for each in samples:
-            yield from of_samples(each, parameters)
+            yield from of_samples(each, estimate.body.parameters)
 
 
 def shape_of(robot: Robot) -> Shape | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.digits import SHORT_LABELS
+from steelyard.dynamics import wrench_about
 from steelyard.estimates.estimate import Estimate, judge
 from steelyard.identification.methods.from_posterior.unstated import (
     disturbances,
@@ -139,9 +140,8 @@ def _residuals(found: Posterior) -> dict[str, Any]:
     """Root mean square of the balance per axis, and of each motion instrument in units of its
     noise.
     """
-    residual = np.concatenate(
-        [found.unexplained(s) for s in found.samples if s.run not in found.held_out]
-    )
+    left = [found.unexplained(s) for s in found.samples if s.run not in found.held_out]
+    residual = wrench_about(np.concatenate(left), found.experiment.origin)
     rms = np.sqrt(np.mean(residual**2, axis=0))
     motion: dict[str, dict[str, float]] = {}
     for (name, quantity), ratio in found.motion_ratios.items():

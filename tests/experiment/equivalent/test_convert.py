@@ -9,9 +9,9 @@ import pytest
 from recordings import simulated, write_small
 from scipy.spatial.transform import Rotation
 
+from steelyard.experiment.equivalent.tidy import tidied
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.recording import Stream
-from steelyard.experiment.tidy import tidied
 from steelyard.experiment.write import write_experiment
 from steelyard.identification.methods.least_squares import LeastSquares
 from steelyard.identification.methods.two_step import TwoStep
