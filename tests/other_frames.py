@@ -36,7 +36,15 @@ def in_other_frames(experiment, world=ANY_WAY, platform=BACK, at=FAR):
             name: _instrument(each, platform, at) for name, each in experiment.instruments.items()
         },
         runs=tuple(
-            replace(run, streams={name: _read(each, world) for name, each in run.streams.items()})
+            replace(
+                run,
+                streams={
+                    name: _commanded(_read(each, world), platform, at)
+                    if experiment.instruments[name].commanded
+                    else _read(each, world)
+                    for name, each in run.streams.items()
+                },
+            )
             for run in experiment.runs
         ),
     )
@@ -59,6 +67,13 @@ def _read(stream, world):
     if "orientation" in values:
         values["orientation"] = world.as_matrix() @ values["orientation"]
     return replace(stream, values=values)
+
+
+def _commanded(stream, platform, at):
+    """Of the platform frame itself."""
+    R = stream.values["orientation"] @ platform.inv().as_matrix()
+    position = stream.values["position"] - R @ at
+    return replace(stream, values={**stream.values, "position": position, "orientation": R})
 
 
 def body_in_other_frame(value, platform=BACK, at=FAR):

@@ -9,6 +9,7 @@ import numpy as np
 
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import Estimate, no_estimate
+from steelyard.experiment.equivalent.platform_frame import centred
 from steelyard.experiment.faults.words import left_out_in_words
 from steelyard.experiment.given import GivenExperiment, experiment_of
 from steelyard.experiment.model import Experiment, Load
@@ -191,7 +192,8 @@ def _estimate(
             return no_estimate(
                 method.name, "it needs a run in motion, found natural frequencies alone"
             )
-        return by_frequencies(experiment, method.name)
+        told = centred(experiment)
+        return by_frequencies(told, method.name).about(told.origin)
     if fit is None and experiment.loads and not method.lack(experiment):
         return each_alone(lambda load: _alone(method, experiment, load, progress), experiment)
     if fit is None or method.lack(experiment):

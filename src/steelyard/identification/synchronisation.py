@@ -33,6 +33,7 @@ from steelyard.clocks.offsets import (
 from steelyard.clocks.search import candidates
 from steelyard.clocks.shift import Shift
 from steelyard.errors import InputError
+from steelyard.experiment.equivalent.platform_frame import centred
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.force_clock import force_clock_problem, likeliest, near, scanned
@@ -264,7 +265,7 @@ def _by_all_at_once(
     for _ in range(settings.fits):
         try:
             posterior = fit_jointly(
-                experiment,
+                centred(experiment),
                 lambda what, fraction: tell(f"finding the clocks: {what}", 0.5 + 0.5 * fraction),
             )
         except (InputError, NoBalanceError):

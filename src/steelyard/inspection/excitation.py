@@ -56,7 +56,7 @@ def excitation(joint: Posterior, settings: IdentifiabilitySettings = IDENTIFIABI
     """
     experiment = joint.experiment
     sizes = plausible_sizes(abs(float(joint.parameters[0])), plausible_radius(experiment.robot))
-    values = Inertia.from_parameters(joint.parameters).body_parameters
+    values = Inertia.from_parameters(joint.parameters).about(experiment.origin).body_parameters
     body = []
     for i, name in enumerate(BODY_PARAMETERS):
         sigma = float(joint.bound.standard_deviation[i])

@@ -10,6 +10,7 @@ import numpy as np
 
 from steelyard.display import printable
 from steelyard.errors import InputError
+from steelyard.experiment.equivalent.platform_frame import centred
 from steelyard.experiment.given import GivenExperiment, experiment_of
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
@@ -215,7 +216,7 @@ def inspect(
         contacts += contacts_of_fit(joint.contacts, residuals, contacts)
     place = None
     if joint is not None and joint.fit.converged:
-        place = misplaced(joint.experiment, [vars(each) for each in directed_tests(joint)])
+        place = misplaced(experiment, [vars(each) for each in directed_tests(joint)])
         remarks += [] if place is None else [place.remark]
     swung = [run for run in experiment.runs if run.locked]
     modes = tuple(mode for run in swung for mode in excited_modes(experiment, run))
@@ -343,7 +344,7 @@ def _joint(
 ) -> tuple[Posterior | None, list[str]]:
     """A fit of everything and remarks on it; None where there is none."""
     try:
-        joint = fit_jointly(part, progress, settings=settings)
+        joint = fit_jointly(centred(part), progress, settings=settings)
     except (NoBalanceError, InputError) as error:
         return None, [f"identifiability was not evaluated: {error}"]
     if joint.fit.converged:

@@ -9,8 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from steelyard.arrays import Array, binned_means
+from steelyard.dynamics import wrench_about
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import plain
+from steelyard.experiment.equivalent.platform_frame import centred
 from steelyard.experiment.given import GivenExperiment, experiment_of
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import Forces, balance_of
@@ -79,7 +81,7 @@ def predict_held_out(
     Raises:
         InputError: Nothing is left to estimate from, or a run lacks what the method needs.
     """
-    experiment = experiment_of(experiment)
+    experiment = centred(experiment_of(experiment))
     names = frozenset([names] if isinstance(names, str) else names)
     for name in names:
         experiment.run(name)
@@ -134,11 +136,14 @@ def _compared(
     state = found.fit.state
     at = balance_of(experiment, segment, forces, state.calibration, found.parameters, state.factors)
     by_reading = at.by_reading * forces.sigmas(segment, state.factors)[:, None, :]
-    variance = np.sum(by_reading**2, axis=2)
+    measured, left_over, by_noise = (
+        wrench_about(each, experiment.origin) for each in (at.wrench, at.left_over, by_reading)
+    )
+    variance = np.sum(by_noise**2, axis=2)
     if segment.static:
-        return _Compared(at.wrench, at.left_over, np.sqrt(variance), 0.0)
+        return _Compared(measured, left_over, np.sqrt(variance), 0.0)
     knots = np.searchsorted(segment.knots, at.time)
-    means, count = binned_means(knots, np.hstack([at.wrench, at.left_over, variance]))
+    means, count = binned_means(knots, np.hstack([measured, left_over, variance]))
     wrench, left_over, variance = np.split(means[count > 0], 3, axis=1)
     return _Compared(
         wrench,

@@ -53,7 +53,8 @@ def in_millimetres(experiment: Experiment, settings: SizeSettings) -> Millimetre
     scores: dict[tuple[str, ...], tuple[float, float]] = {}
     for names in _POINTS:
         other = _divided(robot, names)
-        by_readings = _gain(shown, other, settings)
+        then_shown = _excerpts(replace(experiment, robot=other))
+        by_readings = _gain(shown, then_shown, settings)
         by_size = written - _unlikeliness(other, carried, settings)
         scores[names] = (by_readings / settings.decade + by_size, by_readings)
     best = max(scores, key=lambda names: scores[names][0])
@@ -150,13 +151,19 @@ def _excerpts(experiment: Experiment) -> Sequence[Excerpt]:
             return ()
 
 
-def _gain(shown: Sequence[Excerpt], robot: Robot, settings: SizeSettings) -> float:
-    """By how much better readings agree with another robot file, as costs of agreements."""
+def _gain(
+    now_shown: Sequence[Excerpt], then_shown: Sequence[Excerpt], settings: SizeSettings
+) -> float:
+    """By how much better readings agree with another robot file, as costs of agreements.
+
+    Args:
+        now_shown: With the robot as it is described.
+        then_shown: The same parts with the other one.
+        settings: With the cost of what cannot be.
+    """
     gain = 0.0
     with np.errstate(all="ignore"):
-        for excerpt in shown:
-            experiment = replace(excerpt.experiment, robot=robot)
-            changed = replace(excerpt, robot=robot, experiment=experiment)
+        for excerpt, changed in zip(now_shown, then_shown, strict=True):
             now, then = (
                 {key: each.cost for key, each in judged(one).agreements.items() if each.robot}
                 for one in (excerpt, changed)

@@ -156,19 +156,20 @@ def of_point(
     """
     name = source[0]
     key = excerpt.instruments[name].mounting.point_key
-    point = point_of(excerpt, name)
+    origin = excerpt.experiment.origin
+    point = point_of(excerpt, name) - origin
     farthest = settings.farthest * max(excerpt.robot.size, settings.least_radius)
 
     def moved(place: Array, what: str, cost: float) -> Amendment:
         stated = place.tolist()
-        change = with_keys(name, **{key: tuple(stated)})
+        change = with_keys(name, **{key: tuple((place + origin).tolist())})
         kind = "place on the platform"
         # By smoothed motions a place is known to some centimetres; the fit finds it better.
         keys = [f"{key}: {stated}", f"calibration: {{{key}: {settings.least:g}}}"]
         proposal = ", ".join(keys)
         return Subject(name, key).amendment(kind, what, proposal, change, cost, keys=keys)
 
-    for wanted in _wanted_points(excerpt, source, settings):
+    for wanted in (each - origin for each in _wanted_points(excerpt, source, settings)):
         off = float(np.linalg.norm(wanted - point))
         if not settings.least < off < farthest:
             continue
