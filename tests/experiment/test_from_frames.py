@@ -230,6 +230,7 @@ def test_what_does_not_fit_is_said(keys, message):
         (lambda: steelyard.Robot("r", [[0, 0, 1]], [[0, 0, 0]], pulley_radius=-0.1), "pulley_radius: expected radii of 0 or more"),
         (lambda: steelyard.Robot("r", [[0, 0, 1]], [[0, 0, 0]], pulley_radius=0.1, pulley_axis=[0, 0, 0]), "found a vector of length 0"),
         (lambda: steelyard.Robot("r", [[0, 0, 1]], [[0, 0, 0]], tension_limits=(9, 1)), "expected the lowest and the highest tension"),
+        (lambda: steelyard.Robot("r", [[2.6e6, 1.2e6, 400]], [[0, 0, 0]]), "anchors: expected coordinates of at most 100000 m, found 2600000"),
         (lambda: steelyard.Robot("r", [[0, 0, 1]], [[0, 0, 0]], cable={"diameter": 1}), r"cable: expected steelyard.CableProperties\(…\), found dict"),
         (lambda: steelyard.CableProperties(linear_density=-1), "'linear_density': expected a number at least 0"),
         (lambda: steelyard.Limits(position=[[0, 0, 0], [1, 1, 0]]), "expected the lowest corner first"),

@@ -195,6 +195,11 @@ CHANGES = [
             r" of cable 1"
         ),
     ),
+    (
+        "[4, 0, 5]",
+        "[2600004, 0, 5]",
+        r":5: 'cables\[1\]\.anchor': expected coordinates of at most 100000 m, found 2600004; subtract",
+    ),
     ("[4, 0, 5]", "[4, 0]", r":5: 'cables\[1\]\.anchor': expected at least 3 values, found 2"),
     (
         "[4, 0, 5]",

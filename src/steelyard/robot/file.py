@@ -17,7 +17,7 @@ from steelyard.files.file_model import FileModel, validate
 from steelyard.files.yaml_file import read_yaml
 from steelyard.inertia import BODY_PARAMETERS, Inertia, six, symmetric
 from steelyard.robot.covariance import read_covariance
-from steelyard.robot.model import CableProperties, Limits, Robot
+from steelyard.robot.model import CableProperties, Limits, Robot, too_far
 
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
@@ -237,6 +237,10 @@ def _check(form: RobotForm, document: YamlDocument) -> None:
                     f"expected anchors that differ, found cable {i + 1} at the anchor of cable"
                     f" {j + 1}; correct one of them",
                 )
+        for key in ("anchor", "attachment"):
+            far = too_far(getattr(one, key))
+            if far:
+                raise document.error(("cables", i, key), far)
         if one.pulley and math.hypot(*one.pulley.axis) < 1e-9:
             raise document.error(
                 ("cables", i, "pulley", "axis"),

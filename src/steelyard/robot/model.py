@@ -13,6 +13,9 @@ from steelyard.display import printable
 from steelyard.errors import WrongValueError
 from steelyard.inertia import Inertia
 
+_FARTHEST = 1e5
+"""Largest coordinate [m]: beyond it, as in grids of surveyors, a milliradian is a hundred metres, and
+nothing is left of a rotation that is known."""
 DIRECTIONS = 6
 """Of a platform: coordinates of its pose, components of a wrench; with as many taut cables of
 constant length it cannot move."""
@@ -141,6 +144,10 @@ class Robot:
                 "tension_limits: expected the lowest and the highest tension [N], found"
                 f" {self.tension_limits}; correct them"
             )
+        for name, points in (("anchors", self.anchors), ("attachments", self.attachments)):
+            far = too_far(points)
+            if far:
+                raise WrongValueError(f"{name}: {far}")
         if (self.pulley_radius < 0).any():
             raise WrongValueError(
                 f"pulley_radius: expected radii of 0 or more [m], found"
@@ -205,6 +212,21 @@ class Robot:
     def with_straight_cables(self) -> Robot:
         """The same robot with massless cables, hence straight, as the paper assumes them."""
         return _with_straight_cables(self) if self.cable.linear_density else self
+
+
+def too_far(points: ArrayLike) -> str:
+    """What is wrong with coordinates that are too large to tell a rotation with; empty: nothing.
+
+    Args:
+        points: Any number of coordinates [m].
+    """
+    farthest = float(np.abs(np.asarray(points, dtype=np.float64)).max(initial=0.0))
+    if farthest <= _FARTHEST:
+        return ""
+    return (
+        f"expected coordinates of at most {_FARTHEST:g} m, found {farthest:.7g}; subtract the same place"
+        " from all anchors and from all that instruments read in that frame"
+    )
 
 
 def _points(values: ArrayLike, name: str) -> Array:
