@@ -129,6 +129,21 @@ def test_what_cannot_be_right_is_fitted_only_when_asked_for():
     assert "kN" in anyway.verdict.reasons[0]
 
 
+def test_a_noise_that_is_stated_too_large_leaves_an_estimate():
+    """It looks like another unit, or like what somebody has guessed: who knows the one knows the other."""
+    four = read_experiment(FOUR)
+    guessed = four.instruments["cables"].model_copy(update={"noise": 3.0})
+    found = identify(replace(four, instruments={**four.instruments, "cables": guessed}))
+    first = found.estimate.verdict.reasons[0]
+    assert found.is_rejected
+    assert "kgf" in first
+    assert "or its 'noise', where that is not known" in first
+    assert "has less noise than stated: 0.3 N" in found.amendment
+    right = identify(four, "maximum-likelihood").estimate
+    off = (found.estimate.value - right.value) / found.estimate.standard_deviation
+    assert np.abs(off).max() < 3.0
+
+
 def test_unstated_noise_and_limits_tell_no_unit():
     """Forces and body scale together: nothing is guessed then."""
     four = read_experiment(FOUR)

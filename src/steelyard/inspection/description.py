@@ -30,11 +30,17 @@ class DescriptionCheck:
     """Of each mistake the runs that show it."""
 
     @property
+    def is_certain(self) -> bool:
+        """Whether no estimate with this description is worth its time."""
+        return any(not each.is_doubtful for each in self.mistakes)
+
+    @property
     def reasons(self) -> tuple[str, ...]:
         """Why no estimate with this description is to be relied on, each with its evidence."""
         return tuple(
             f"{each.amendment.subject}: {each.amendment.what} ({each.evidence}); change"
             f" {', '.join(each.amendment.keys) or each.amendment.proposal}"
+            + (", or its 'noise', where that is not known" if each.is_doubtful else "")
             for each in self.mistakes
         )
 

@@ -36,7 +36,8 @@ def identify(
     description is wrong: in units, signs, axes, orders, places or clocks.
 
     A result that cannot be right for such a reason is rejected, with what to change in
-    :attr:`.Identification.amendment`. Methods that fit a model are not begun then; baselines run.
+    :attr:`.Identification.amendment`. Methods that fit a model are not begun then, unless the noise
+    alone says so, which may be stated wrongly itself; baselines run.
 
     Args:
         experiment: With at least one run, or the path of its file.
@@ -61,7 +62,7 @@ def identify(
     names = [methods] if isinstance(methods, str) or callable(methods) else methods
     chosen = chosen_methods(names or default_methods(experiment), ready)
     clocks, check = _checked(experiment, progress, settings)
-    if check.mistakes and not anyway:
+    if check.is_certain and not anyway:
         found = _not_begun(clocks.experiment, chosen, check, progress)
     else:
         found = estimate_all(

@@ -215,7 +215,8 @@ def _of_forces(
         yield (
             f"forces and motion do not balance: the residual is {np.sqrt(solution.ratio):.1f} times"
             " what the stated noise explains; check the order and the unit of the force sensors,"
-            " the geometry of the robot, and whether anything touched the platform"
+            " the geometry of the robot, whether anything touched the platform, and 'noise' (where it is"
+            " left out, it is estimated)"
         )
     elif (
         posterior.stated

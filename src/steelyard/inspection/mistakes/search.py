@@ -40,6 +40,9 @@ class Mistake:
     """Other explanations that are about as good."""
     said: str = ""
     """Where it shows, of a mistake that no comparison has shown."""
+    is_doubtful: bool = False
+    """Whether what shows it may as well be stated wrongly itself, so that an estimate is worth its
+    time."""
 
     @property
     def evidence(self) -> str:

@@ -76,7 +76,7 @@ def _of_forces(experiment: Experiment, settings: SizeSettings) -> Iterator[Mista
         known = FACTORS["N"]
         table = {unit: known[unit] for unit in ("N", *LIKELY_UNITS["N"])}
         candidates = list(other_units(table))
-        said = _beyond(experiment, size, settings)
+        said, otherwise = _beyond(experiment, size, settings), list[str]()
         if said:
             possible = [c for c in candidates if not _beyond(experiment, size * c[2], settings)]
             usual = replace(settings, beyond=1.0, air=settings.usual)
@@ -92,6 +92,7 @@ def _of_forces(experiment: Experiment, settings: SizeSettings) -> Iterator[Mista
                 and abs(np.log(c[2] * seen / stated)) < settings.noise_near
             ]
             said = f"its noise is {seen:.2g} N, {stated:.2g} N was stated"
+            otherwise = [f"{name}: has less noise than stated: {seen:.2g} N"]
         if not fitting:
             continue
         unit, what, factor = fitting[0]
@@ -104,8 +105,12 @@ def _of_forces(experiment: Experiment, settings: SizeSettings) -> Iterator[Mista
             SIMPLE,
             keys=[scale_key(float(factor))],
         )
-        others = tuple(f"{name}: {each[1]}" for each in fitting[1:3])
-        yield replace(_mistake(experiment, amendment, own[0].name, said), others=others)
+        others = (*(f"{name}: {each[1]}" for each in fitting[1:3]), *otherwise)
+        yield replace(
+            _mistake(experiment, amendment, own[0].name, said),
+            others=others,
+            is_doubtful=bool(otherwise),
+        )
 
 
 def _beyond(experiment: Experiment, size: float, settings: SizeSettings) -> str:
