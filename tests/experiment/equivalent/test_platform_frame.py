@@ -49,9 +49,9 @@ def test_the_body_is_the_same_in_any_frame(told, frames):
 @pytest.mark.integration
 def test_the_motion_is_that_of_the_origin_as_it_was_stated():
     experiment = read_experiment(DATA / "points-00" / "experiment.yaml")
-    (at_origin,) = identify(experiment, "least-squares").motion
+    (at_origin,) = identify(experiment, "maximum-likelihood").motion
     elsewhere = in_other_frames(experiment, Rotation.identity(), Rotation.identity(), FAR)
-    (moved,) = identify(elsewhere, "least-squares").motion
+    (moved,) = identify(elsewhere, "maximum-likelihood").motion
     lever = Rotation.from_quat(moved.rotation, scalar_first=True).apply(FAR)
     np.testing.assert_allclose(
         moved.values["position"] + lever, at_origin.values["position"], atol=1e-6

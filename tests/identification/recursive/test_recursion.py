@@ -288,7 +288,8 @@ def test_it_begins_where_all_instruments_read(points):
         identify(there, name).estimates[name] for name in ("recursive", "maximum-likelihood")
     )
     assert one.verdict.accepted
-    assert (np.abs(one.value - other.value) < 1.0 * other.standard_deviation).all()
+    # The other has six seconds more, in which forces and IMU have read.
+    assert (np.abs(one.value - other.value) < 1.0 * one.standard_deviation).all()
 
 
 @pytest.mark.integration

@@ -33,11 +33,30 @@ def centred(experiment: Experiment) -> Experiment:
     Args:
         experiment: As it was stated.
     """
+    return about(experiment, _middle(experiment))
+
+
+def near(experiment: Experiment) -> Experiment:
+    """The same experiment, told in a platform frame whose origin is on the platform: as it was stated
+    where it is no further from the middle than the attachments are, else the nearest place to that.
+
+    What looks at single samples of a motion pays for the distance of the centre of gravity, which who
+    describes a platform knows better than its attachments do.
+
+    Args:
+        experiment: As it was stated.
+    """
+    middle = _middle(experiment)
+    beyond = max(0.0, 1.0 - experiment.robot.size / max(float(np.linalg.norm(middle)), 1e-12))
+    return about(experiment, beyond * middle)
+
+
+def _middle(experiment: Experiment) -> Array:
+    """Where the platform is held, in its frame [m], shape (3,)."""
     if experiment.robot.m:
-        return about(experiment, experiment.robot.attachments.mean(axis=0))
+        return np.asarray(experiment.robot.attachments.mean(axis=0))
     carrying = (each for each in experiment.instruments.values() if each.is_force)
-    point = next((each.mounting.point for each in carrying), None)
-    return experiment if point is None else about(experiment, np.array(point))
+    return np.array(next((each.mounting.point for each in carrying), None) or (0.0, 0.0, 0.0))
 
 
 def about(experiment: Experiment, point: Array) -> Experiment:

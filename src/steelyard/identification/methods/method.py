@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import ClassVar, Protocol
 
 from steelyard.estimates.estimate import Estimate, no_estimate
-from steelyard.experiment.equivalent.platform_frame import centred
+from steelyard.experiment.equivalent.platform_frame import centred, near
 from steelyard.experiment.model import Experiment
 from steelyard.identification.methods.fall_back import fit_that_arrives
 from steelyard.identification.methods.loads import drawn
@@ -26,7 +26,7 @@ from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 
 Fit = Callable[[Experiment, Progress], Posterior]
 """From an experiment to what estimates are drawn from; equal ones give the same. It is told in the
-platform frame of :func:`.centred`."""
+platform frame of :func:`.centred` or of :func:`.near`."""
 
 
 class Method(Protocol):
@@ -152,4 +152,4 @@ class HeldMotion:
 
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Posterior:
         """Posterior of an experiment; raises as :func:`.fit_with_held_motion` does."""
-        return fit_with_held_motion(centred(experiment), progress, settings=self.settings)
+        return fit_with_held_motion(near(experiment), progress, settings=self.settings)

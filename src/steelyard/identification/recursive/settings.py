@@ -25,6 +25,9 @@ class RecursiveSettings:
     with them."""
     turns: int = 6
     """Linearisations of a chunk as it arrives, at most: one or two as a rule."""
+    turns_of_beginning: int = 20
+    """The same of a chunk of the beginning, for which nobody waits: where many readings count less for
+    standing far, as of a gyro that was clipped, every step halves what the one before has left."""
     arrived: float = 3.0
     """Decrease of the cost, a chi-square, that the last step promised: what is left then is some
     hundreds of times smaller."""

@@ -63,7 +63,8 @@ def arrived(
     else:
         here = foreseen(here, segment, forces)
     settled = known = False
-    for turn in range(recursion.settings.turns):
+    own = recursion.settings
+    for turn in range(own.turns_of_beginning if held else own.turns):
         chunk = _AlongMotion.of(here, segment, forces, held=held)
         if turn == 0 and not held and chunk.may_be_bent(fit):
             again = foreseen_without_spikes(before, segment, forces)

@@ -12,7 +12,7 @@ from steelyard.arrays import Array, binned_means
 from steelyard.dynamics import wrench_about
 from steelyard.errors import InputError
 from steelyard.estimates.estimate import plain
-from steelyard.experiment.equivalent.platform_frame import centred
+from steelyard.experiment.equivalent.platform_frame import near
 from steelyard.experiment.given import GivenExperiment, experiment_of
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import Forces, balance_of
@@ -81,7 +81,7 @@ def predict_held_out(
     Raises:
         InputError: Nothing is left to estimate from, or a run lacks what the method needs.
     """
-    experiment = centred(experiment_of(experiment))
+    experiment = near(experiment_of(experiment))
     names = frozenset([names] if isinstance(names, str) else names)
     for name in names:
         experiment.run(name)

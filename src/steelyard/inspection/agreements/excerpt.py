@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from steelyard.arrays import Array, binned_means
-from steelyard.experiment.equivalent.platform_frame import centred, run_about
+from steelyard.experiment.equivalent.platform_frame import near, run_about
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters import clock_of
@@ -144,7 +144,7 @@ class Excerpt:
 def excerpt_of(
     experiment: Experiment, run: Run, settings: AgreementSettings = AGREEMENT
 ) -> Excerpt | None:
-    """Look at the liveliest part of a run, in the platform frame of :func:`.centred`; None where its
+    """Look at the liveliest part of a run, in the platform frame of :func:`.near`; None where its
     streams have too little in common.
 
     Args:
@@ -152,7 +152,7 @@ def excerpt_of(
         run: One of its runs.
         settings: With the part of a run that is looked at.
     """
-    stated, experiment = experiment, centred(experiment)
+    stated, experiment = experiment, near(experiment)
     run = run_about(run, stated.instruments, stated.origin - experiment.origin)
     if run.static:
         return _poses(experiment, run, settings)
