@@ -3,7 +3,7 @@ drawing has it.
 
 A smooth motion of one point of the platform is none of a point far away, a torque that nothing
 explains is another about each, and a body as large as its robot is so about the middle of it. All of
-that is meant about where the platform is held.
+that is meant about the platform, wherever it is held.
 """
 
 from __future__ import annotations
