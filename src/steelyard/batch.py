@@ -80,10 +80,6 @@ class Batched:
         shapes = (*self._in_shapes.values(), *self._out_shapes.values())
         self._numbers = sum(math.prod(shape) for shape in shapes)
 
-    def shape_of(self, output: str) -> tuple[int, ...]:
-        """Of one sample of an output."""
-        return self._out_shapes[output]
-
     def __getstate__(self) -> dict[str, Any]:
         """What another process needs: memory stays here."""
         return {**self.__dict__, "_idle": {}, "_last": None}

@@ -63,6 +63,26 @@ def test_the_motion_is_that_of_the_origin_as_it_was_stated():
     assert (moved.sigma["position"] > at_origin.sigma["position"].min()).all()
 
 
+@pytest.mark.integration
+def test_what_is_known_of_bodies_is_told_in_the_frame_as_it_is_stated():
+    whole = read_experiment(DATA / "rough-robots" / "four-cables-00" / "experiment.yaml")
+    (run,) = whole.runs
+    place = whole.robot.attachments.mean(axis=0) + 0.05
+    loads = (
+        Load("bare", {"cx": (0.012, 0.001)}),
+        Load("more", added={"mass": (0.02, 0.05), "cz": (place[2], 0.01)}),
+    )
+    runs = replace(run, load="bare"), replace(run, name="again", load="more")
+    experiment = replace(whole, runs=runs, loads=loads, known=loads[0].known)
+    estimate = identify(experiment, "maximum-likelihood").estimate
+    bare, more = (estimate.loads.estimates[each.name].details["known"] for each in loads)
+    assert bare["cx"]["stated"] == pytest.approx(0.012)
+    assert bare["cx"]["found"] == pytest.approx(estimate.value[1], abs=0.01)
+    told = more["added first moment z"]
+    assert told["stated"] == pytest.approx(0.02 * place[2])
+    assert abs(told["z"]) < 4
+
+
 def retold(point):
     """An experiment with all that has a place, about a point of its platform."""
     experiment = RECORDER(1)

@@ -71,7 +71,7 @@ def about(experiment: Experiment, point: Array) -> Experiment:
     robot = experiment.robot
     return replace(
         experiment,
-        robot=robot_about(robot, point),
+        robot=_robot(robot, point),
         instruments={k: _instrument(each, point) for k, each in experiment.instruments.items()},
         runs=tuple(run_about(run, experiment.instruments, point) for run in experiment.runs),
         known=_known(experiment.known, point),
@@ -84,8 +84,8 @@ def about(experiment: Experiment, point: Array) -> Experiment:
     )
 
 
-def robot_about(robot: Robot, point: Array) -> Robot:
-    """The robot in such a frame; see :func:`about`."""
+def _robot(robot: Robot, point: Array) -> Robot:
+    """The robot in such a frame."""
     platform = None if robot.platform is None else robot.platform.about(point)
     return replace(robot, attachments=robot.attachments - point, platform=platform)
 

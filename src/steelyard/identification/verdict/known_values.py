@@ -5,10 +5,11 @@ checks the force sensors.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from steelyard.arrays import Array
 from steelyard.estimates.estimate import plausible_sizes
 from steelyard.estimates.quantiles import chi2_tail
 from steelyard.experiment.unread import is_unread
@@ -45,6 +46,10 @@ class KnownValue:
         """Difference in its 1-sigma."""
         return float((self.found - self.stated) / np.hypot(self.sigma, self.deviation))
 
+    def less(self, off: float) -> KnownValue:
+        """The same counted from elsewhere, in its unit."""
+        return replace(self, stated=self.stated - off, found=self.found - off)
+
     def __str__(self) -> str:
         unit = self.unit
         return (
@@ -62,8 +67,7 @@ def known_values(posterior: Posterior) -> Iterator[KnownValue]:
     """
     size = plausible_sizes(float(posterior.parameters[0]), posterior.size)
     value = Inertia.from_parameters(posterior.parameters).body_parameters
-    shift = np.zeros(TEN)
-    shift[1:4] = posterior.experiment.origin
+    off = _off(posterior)
     variance = np.diag(posterior.body_covariance)
     for name, (stated, given) in posterior.experiment.known.items():
         i = BODY_PARAMETERS.index(name)
@@ -72,8 +76,8 @@ def known_values(posterior: Posterior) -> Iterator[KnownValue]:
         # Without forces all but what is known of the mass is the same for any mass.
         if told < _TOLD or (name == "mass" and is_unread(posterior.of_its_runs)):
             continue
-        both = value[i] - shift[i], variance[i]
-        yield _apart(name, BODY_UNITS[i], (stated - shift[i], square), both)
+        found = _apart(name, BODY_UNITS[i], (stated, square), (value[i], variance[i]))
+        yield found.less(float(off[i]))
     yield from _added_values(posterior)
 
 
@@ -86,12 +90,21 @@ def _added_values(posterior: Posterior) -> Iterator[KnownValue]:
     place = load_place(parameters, posterior.load)
     prior = parameters.deviation[place] ** 2
     variance = np.diag(posterior.solution.covariance)[TEN:][place]
+    off = parameters.mean[place][0] * _off(posterior)
     for i, (name, unit) in enumerate(_ADDED):
         entry = posterior.load.added.get("mass" if i == 0 else f"c{'xyz'[i - 1]}")
         if entry is None or variance[i] > (1 - _TOLD) * prior[i]:
             continue
         mean, value = parameters.mean[place][i], calibration.values[place][i]
-        yield _apart(name, unit, (mean, prior[i]), (value, variance[i]))
+        found = _apart(name, unit, (mean, prior[i]), (value, variance[i]))
+        yield found.less(float(off[i]))
+
+
+def _off(posterior: Posterior) -> Array:
+    """Where the origin of the platform frame as it was stated lies, at the places of the centre of
+    gravity among the ten, shape (10,).
+    """
+    return np.concatenate([[0.0], posterior.experiment.origin, np.zeros(TEN - 4)])
 
 
 def _apart(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
 from steelyard.arrays import Array, binned_means
-from steelyard.experiment.equivalent.platform_frame import near, run_about
+from steelyard.experiment.equivalent.platform_frame import near
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters import clock_of
@@ -152,8 +152,8 @@ def excerpt_of(
         run: One of its runs.
         settings: With the part of a run that is looked at.
     """
-    stated, experiment = experiment, near(experiment)
-    run = run_about(run, stated.instruments, stated.origin - experiment.origin)
+    experiment = near(replace(experiment, runs=(run,)))
+    (run,) = experiment.runs
     if run.static:
         return _poses(experiment, run, settings)
     times = {name: experiment.common_time(run, name) for name in run.streams}

@@ -90,7 +90,7 @@ def evidence_of(identification: Identification, thinning: Thinning = THINNING) -
     for each in samples:
         if each.run in names:
             motions += _motion(each, thinning)
-    found = _residuals(identification, shown, estimate, samples)
+    found = _residuals(identification, names, samples)
     return Evidence(
         shape=shape_of(experiment.robot),
         motions=tuple(motions),
@@ -245,18 +245,15 @@ def _placed(posterior: Posterior) -> list[Samples]:
 
 
 def _residuals(
-    identification: Identification,
-    shown: Experiment,
-    estimate: Estimate,
-    samples: Sequence[Samples],
+    identification: Identification, runs: Collection[str], samples: Sequence[Samples]
 ) -> Iterator[Residuals]:
-    """Measured and predicted readings of every quantity."""
+    """Measured and predicted readings of every quantity, in the runs that are shown."""
+    body = identification.estimate.body
     if identification.posterior:
-        names = {run.name for run in shown.runs}
-        yield from residuals(identification.posterior, estimate.body, names)
-    elif estimate.body:
+        yield from residuals(identification.posterior, body, runs)
+    elif body:
         for each in samples:
-            yield from of_samples(each, estimate.body.parameters)
+            yield from of_samples(each, body.parameters)
 
 
 def shape_of(robot: Robot) -> Shape | None:
