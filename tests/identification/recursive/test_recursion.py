@@ -382,3 +382,26 @@ def test_the_beginning_takes_no_more_than_it_is_given(points):
     last = max(each.time[-1] for each in early.begun.fit.state.segments[0].readings)
     assert last < 4.0 + 1.0
     assert early.is_beginning
+
+
+@pytest.mark.integration
+def test_another_run_is_as_noisy_as_it_is(points):
+    tracker = points.instruments["tracker"]
+    unstated = replace(
+        points,
+        instruments={**points.instruments, "tracker": tracker.model_copy(update={"noise": None})},
+    )
+    (run,) = points.runs
+    stream = run.streams["tracker"]
+    (values,) = (v for v in stream.values.values())
+    shaken = values + np.random.default_rng(1).normal(scale=0.004, size=values.shape)
+    louder = replace(stream, values=dict.fromkeys(stream.values, shaken))
+    second = replace(run, name="second", streams={**run.streams, "tracker": louder})
+    followed = begin(replace(unstated, runs=(run, second)))
+    resumed = followed.resumed(second)
+
+    def sigma(found):
+        return next(r.sigma for r in found.like.segment.readings if r.source[0] == "tracker")
+
+    assert sigma(followed) == pytest.approx(tracker.noise, rel=0.5)
+    assert sigma(resumed) == pytest.approx(0.004, rel=0.25)

@@ -249,7 +249,13 @@ class Following:
             segment = told.segments[0].disturbed(self.like.segment.processes)
         else:
             segment = begun.segment
+        known = any(each.run == run.name for each in self.samples)
         sigmas = {each.source: each.sigma for each in self.like.segment.readings}
+        forces = self.like.forces
+        if not known:
+            # Another run may be noisier or less so, where nobody has stated how noisy it is.
+            sigmas = {s.source: s.sigma for s in segment.readings if s.source in sigmas}
+            forces = replace(forces, sigma=readings.force_samples[0].sigma)
         like = replace(
             self.like.segment,
             run=run.name,
@@ -265,10 +271,9 @@ class Following:
         )
         if not like.readings:
             raise NoBalanceError(f"run '{run.name}': no instrument tells its motion")
-        known = any(each.run == run.name for each in self.samples)
         samples = self.samples if known else (*self.samples, *readings.samples)
         resumed = replace(self, samples=samples, recursion=replace(self.recursion, state=state))
-        return at_beginning(resumed, Likeness(like, self.like.forces))
+        return at_beginning(resumed, Likeness(like, forces))
 
     @property
     def posterior(self) -> Posterior:
