@@ -42,6 +42,10 @@ class InputError(SteelyardError):
     """A file, a value or an option is wrong; the command line ends with exit status 2."""
 
 
+class AtRestError(InputError):
+    """A recording of a motion is one of a platform that stands still."""
+
+
 class WrongValueError(InputError, ValueError):
     """A value that was handed over in Python is wrong; a :class:`ValueError` too."""
 

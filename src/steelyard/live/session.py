@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.errors import InputError
+from steelyard.errors import AtRestError, InputError
 from steelyard.estimates.estimate import Estimate, no_estimate, plausible_radius
 from steelyard.experiment.equivalent.platform_frame import centred, run_about
 from steelyard.experiment.model import Experiment
@@ -33,6 +33,7 @@ _NOTHING_YET = (
     "nothing was told: expected forces and motion for some seconds, found too little; see that all"
     " instruments send, and move the platform on all six axes"
 )
+_AT_REST = "the platform is (nearly) at rest; move it on all six axes"
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +52,8 @@ class Session:
     """Without the last chunk, while that is new: see :meth:`_relieved`."""
     paused: float | None = None
     """Since when forces or motion have been missing [s]; None: they are there."""
-    tried: float = 0.0
-    """Length of the beginning that was tried last [s]."""
+    due: float | None = None
+    """Until when there has to be more for another try to begin [s]; None: none was made."""
     why: str = ""
     """Why it was none."""
     judged: float = -np.inf
@@ -140,27 +141,26 @@ class Session:
             found = replace(found, sync=dict.fromkeys(found.plan.instruments, origin))
         last = found.last
         first = float(found.buffer.streams[force].time[0]) - found.sync[force]
-        length = last[force] - first
-        wanted = max(
-            found.settings.recursion.begin,
-            found.tried * found.settings.recursion.longer if found.tried else 0.0,
-        )
-        slowest = min(last.values()) - first
-        waited = length > wanted + found.settings.silent
-        if slowest < wanted and not waited:
+        length, settings = last[force] - first, found.settings.recursion
+        due = first + settings.begin if found.due is None else found.due
+        waited = last[force] > due + found.settings.silent
+        if min(last.values()) < due and not waited:
             return found
+        further = length * (settings.longer - 1)
         try:
-            own = replace(found.settings.recursion, begin=length)
+            own = replace(settings, begin=length)
             experiment = replace(found._centred, runs=(found.run,))
             following = begin(experiment, own=own)
             if following.begun.fit.converged:
-                own = found.settings.recursion
-                recursion = replace(following.recursion, settings=own)
+                recursion = replace(following.recursion, settings=settings)
                 return replace(found, following=replace(following, recursion=recursion))
             why = "the beginning could not be fitted yet"
+        except AtRestError:
+            # It takes little to see that, and the robot may start at any time.
+            why, further = _AT_REST, settings.begin
         except (InputError, NoBalanceError, np.linalg.LinAlgError) as error:
             why = str(error)
-        return replace(found, tried=length, why=why)
+        return replace(found, due=last[force] + further, why=why)
 
     def _is_ready(self, following: Following) -> bool:
         """Whether the next chunk has arrived, and so much more that nothing of it is to come."""

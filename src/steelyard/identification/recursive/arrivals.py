@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.errors import AtRestError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.model.motion_residuals import reference_clocks, time_of
 from steelyard.identification.model.motion_segment import Reading, Segment
+from steelyard.identification.recursive.settings import RecursiveSettings
+
+Found = TypeVar("Found")
 
 
 class UnreadError(Exception):
@@ -27,6 +32,43 @@ class Likeness:
     segment: Segment
     """With readings of every quantity that is looked at."""
     forces: Forces
+
+
+def once_moving(
+    look: Callable[[Run], Found],
+    run: Run,
+    span: tuple[float, float],
+    length: float,
+    settings: RecursiveSettings,
+) -> tuple[Found, float]:
+    """What a look at the beginning of a run finds, and how long that is [s]: where the platform is at
+    rest in it, as long as that lasts, and as much of its motion.
+
+    Args:
+        look: At the run within a window; raises :class:`.AtRestError` where nothing moves.
+        run: With what has arrived.
+        span: Its beginning and end [s].
+        length: Of the beginning [s].
+        settings: By how much it is longer then.
+
+    Raises:
+        AtRestError: Nothing moves until its end.
+    """
+    start, end = span
+    rested = False
+    while True:
+        until = min(end, start + length)
+        since = max(start, until - settings.longest)
+        try:
+            found = look(replace(run, window=(since, until)))
+        except AtRestError:
+            if until >= end:
+                raise
+            rested, length = True, length * settings.longer
+            continue
+        if not rested or until >= end:
+            return found, length
+        rested, length = False, length + settings.begin
 
 
 def within(

@@ -17,7 +17,12 @@ from steelyard.identification.model.balance import UNMODELLED_PARTS
 from steelyard.identification.model.calibration_parameters import load_place
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import Process
-from steelyard.identification.recursive.arrivals import Likeness, UnreadError, first_after
+from steelyard.identification.recursive.arrivals import (
+    Likeness,
+    UnreadError,
+    first_after,
+    once_moving,
+)
 from steelyard.identification.recursive.events import advanced
 from steelyard.identification.recursive.following import (
     LOST,
@@ -35,6 +40,7 @@ from steelyard.identification.solve.beginning.readings import Tell, read
 from steelyard.identification.solve.border.segment_equations import segment_equations
 from steelyard.identification.solve.fit_readings import fit_readings
 from steelyard.identification.solve.fit_state import FitState
+from steelyard.identification.solve.fitted import Fitted
 from steelyard.identification.solve.long_recording import span_of
 from steelyard.identification.solve.settings import FIT, FitSettings
 
@@ -67,8 +73,13 @@ def begin(
         run, (start, end) = later, span_of(experiment, later)
     length = own.begin
     while True:
-        early = replace(run, window=(start, min(end, start + length)))
-        found = _begun(experiment, early, tell, settings, own)
+        found, length = once_moving(
+            lambda early: _begun(experiment, early, tell, settings, own),
+            run,
+            (start, end),
+            length,
+            own,
+        )
         if found.begun.fit.converged or start + length >= end:
             break
         length *= own.longer
@@ -149,11 +160,14 @@ def _beginning_of(found: Following, run: Run) -> RunBeginning | None:
     carried = {experiment.load_of(part.segment.run) for part in found.parts}
     if not own and experiment.load_of(run.name) in carried:
         return None
-    start, end = span_of(experiment, run)
-    early = replace(run, window=(start, min(end, start + found.recursion.settings.begin)))
-    try:
+    span, recursion = span_of(experiment, run), found.recursion.settings
+
+    def fit(early: Run) -> Fitted:
         taken = read(experiment, None, silent, [early], settings)
-        fitted = fit_readings(taken, started(taken, silent, thorough=False), silent)
+        return fit_readings(taken, started(taken, silent, thorough=False), silent)
+
+    try:
+        fitted, _ = once_moving(fit, run, span, recursion.begin, recursion)
     except (NoBalanceError, *LOST):
         return None
     state = fitted.fit.state

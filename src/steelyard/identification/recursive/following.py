@@ -15,7 +15,7 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import basis, values_at
-from steelyard.identification.recursive.arrivals import Likeness, within
+from steelyard.identification.recursive.arrivals import Likeness, once_moving, within
 from steelyard.identification.recursive.new_load import FIRST
 from steelyard.identification.recursive.parts import (
     counted_from,
@@ -234,13 +234,14 @@ class Following:
         Raises:
             NoBalanceError: It has no motion.
         """
-        state, begin = self.recursion.state, self.recursion.settings.begin
-        if begun is not None:
-            state = begun.state
-        start, end = span_of(self.experiment, run)
-        early = replace(run, window=(start, min(end, start + begin)))
-        readings = read(
-            self.experiment, state.calibration, silent, [early], self.begun.task.settings
+        own, fit = self.recursion.settings, self.begun.task.settings
+        state = self.recursion.state if begun is None else begun.state
+        readings, _ = once_moving(
+            lambda early: read(self.experiment, state.calibration, silent, [early], fit),
+            run,
+            span_of(self.experiment, run),
+            own.begin,
+            own,
         )
         if not readings.segments:
             raise NoBalanceError("; ".join(readings.notes))

@@ -13,7 +13,9 @@ class RecursiveSettings:
     """Length of the recording that is fitted as a whole first [s]: it tells levels of noise, knots
     and values to linearise about."""
     longer: float = 1.6
-    """By how much that is longer where the fit has not arrived."""
+    """By how much that is longer where the fit has not arrived, or the platform is still at rest."""
+    longest: float = 90.0
+    """Length of a beginning, at most [s]: of a rest that is longer, the end."""
     chunk: float = 0.4
     """Length of what is taken at once [s]; one spacing of the knots at least."""
     lag: float = 2.0

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.errors import InputError
+from steelyard.errors import AtRestError, InputError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters import CalibrationValues
@@ -130,8 +130,8 @@ def prepare(
         settings: Of the filter, and of what is a motion.
 
     Raises:
-        InputError: A quantity that is needed is missing, the streams do not overlap, or nothing
-            moves.
+        InputError: A quantity that is needed is missing, or the streams do not overlap.
+        AtRestError: Nothing moves.
     """
     robot = experiment.robot.with_straight_cables() if straight else experiment.robot
     if thin:
@@ -430,7 +430,7 @@ def _check_motion(
     turning, moving = _scatter(state["alpha"]), _scatter(state["specific_force"])
     least_turning = max(settings.beyond_noise * alpha_noise, settings.least_turning)
     if turning < least_turning and moving < settings.least_moving:
-        raise InputError(
+        raise AtRestError(
             f"{where}: expected a motion, found a platform (nearly) at rest: {turning:.2g} rad/s^2"
             f" and {moving:.2g} m/s^2 rms; record a motion, or list it under 'static: true'"
         )
