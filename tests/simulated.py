@@ -243,6 +243,27 @@ class Recorder:
 RECORDER = Recorder()
 
 
+@dataclass(frozen=True)
+class AfterRest:
+    """A trajectory before which the platform stands still."""
+
+    trajectory: object
+    rest: float  # [s]
+
+    @property
+    def duration(self):
+        return self.rest + self.trajectory.duration
+
+    def derivative(self, t, order):
+        found = self.trajectory.derivative(np.maximum(t - self.rest, 0.0), order)
+        return np.where((t < self.rest)[:, None] & (order > 0), 0.0, found)
+
+
+def rested(rest, duration=DURATION):
+    """A recorder of a platform that stands still for some seconds first."""
+    return Recorder(AfterRest(feasible_multisine(ROBOT, duration), rest))
+
+
 def loaded(seed, **keys):
     """A recording with a payload."""
     mass = keys.pop("mass", 3.2)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from other_frames import ANY_WAY, FAR, body_in_other_frame, in_other_frames
 from places import DATA
-from simulated import loaded
+from simulated import TRUTH, loaded, rested
 
 from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
@@ -140,6 +140,23 @@ def test_after_a_gap_the_motion_is_followed_again(points, recursive):
     assert np.abs(off).max() < 2.5
     assert np.all(found.standard_deviation > 0.97 * recursive.standard_deviation)
     assert np.all(found.standard_deviation < 1.5 * recursive.standard_deviation)
+
+
+def test_a_robot_that_stands_still_for_long_is_waited_for():
+    experiment = rested(24.0)(3)
+    settings = replace(LIVE, longest=10.0)
+    remarks, records, session = [], [], None
+    source = ReplayedRun(experiment, experiment.runs[0], np.inf)
+    for each in watch(experiment, source, "run", settings):
+        session = each.session
+        remarks += each.remarks
+        records += each.records
+    assert remarks == ["no estimate yet: the platform is (nearly) at rest; move it on all six axes"]
+    start = records[0].time - min(t.time[0] for t in experiment.runs[0].streams.values())
+    assert 24.0 < start < 24.0 + 2.5 * LIVE.recursion.begin
+    found = ended(session).estimate
+    assert found.verdict.accepted
+    assert np.abs((found.value - TRUTH) / found.standard_deviation).max() < 3.5
 
 
 def test_nothing_is_told_of_nothing(points):

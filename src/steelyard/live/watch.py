@@ -56,7 +56,7 @@ def watch(
     runs = {run.name: run for run in experiment.runs}
     sync = runs[name].sync if name in runs else {}
     session = Session(replace(experiment, runs=()), name, sync, settings=settings)
-    refused, given_back = 0, -np.inf
+    refused, given_back, said = 0, -np.inf, ""
     while True:
         received = source.receive(_LOOK)
         session, records = session.taken(received.arrivals, received.refused).advanced()
@@ -68,6 +68,9 @@ def watch(
             # One sentence for all that are alike; how many there were is said at the end.
             remarks.append(received.why)
         refused += received.refused
+        if session.following is None and session.why != said:
+            said = session.why
+            remarks.append(f"no estimate yet: {said}")
         yield Watched(session, tuple(records), tuple(remarks))
         if received.ended or stopped():
             return

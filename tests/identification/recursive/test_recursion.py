@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from places import DATA
+from simulated import rested
 
+from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
 from steelyard.identification.model.motion_segment import Segment
@@ -405,3 +407,23 @@ def test_another_run_is_as_noisy_as_it_is(points):
 
     assert sigma(followed) == pytest.approx(tracker.noise, rel=0.5)
     assert sigma(resumed) == pytest.approx(0.004, rel=0.25)
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize("rest", [7.0, 20.0])
+def test_a_motion_may_begin_after_a_rest(rest):
+    found = identify(rested(rest)(3), ["maximum-likelihood", "recursive"]).estimates
+    one, other = found["recursive"], found["maximum-likelihood"]
+    assert one.verdict.accepted
+    assert (np.abs(one.value - other.value) < 0.4 * other.standard_deviation).all()
+    assert one.standard_deviation == pytest.approx(other.standard_deviation, rel=0.05)
+
+
+@pytest.mark.integration
+def test_a_run_at_rest_is_named_however_long_it_is():
+    whole = rested(30.0)(3)
+    (run,) = whole.runs
+    start = run.streams["imu"].time[0]
+    still = replace(whole, runs=(replace(run, window=(start, start + 25.0)),))
+    with pytest.raises(InputError, match=r"found a platform \(nearly\) at rest"):
+        begin(still)

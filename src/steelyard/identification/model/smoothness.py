@@ -65,6 +65,48 @@ def smoothness(
     )
 
 
+@dataclass(frozen=True)
+class SmoothedMotion:
+    """A motion that has settled where readings and an intensity want it. Its roughness over the freedom
+    that the readings have used of it is the intensity that they ask for [MacKay1992]_.
+    """
+
+    rough: Mapping[str, float]
+    """Part of the pose -> roughness [m^2/s^5], [1/s^5]."""
+    used: Mapping[str, float]
+    """Part of the pose -> freedom that the readings have used of it."""
+    evidence: float
+    """Log marginal likelihood but for a constant."""
+
+    @classmethod
+    def of(
+        cls, segment: Segment, equations: NormalEquations, level: Mapping[str, float]
+    ) -> SmoothedMotion:
+        """From readings as they are linearised.
+
+        Args:
+            segment: With present motion.
+            equations: Of its readings alone.
+            level: Part of the pose -> intensity [m^2/s^5], [1/s^5].
+
+        Raises:
+            numpy.linalg.LinAlgError: The motion is not determined.
+        """
+        bent = replace(segment, smoothness=level)
+        whole = bent.smooth(equations)
+        inverse, functions = whole.inverse, len(segment.coefficients)
+        evidence = 0.5 * (float(whole.motion_gradient @ whole.settled) - whole.log_determinant)
+        evidence -= 0.5 * sum(bent.roughness[part] / each for part, each in level.items())
+        there = segment.coefficients + whole.settled.reshape(-1, segment.block)
+        rested = replace(bent, coefficients=there).roughness
+        used = {}
+        for part, each in level.items():
+            rank = (PARTS[part].stop - PARTS[part].start) * (functions - 3)
+            used[part] = rank - banded_trace(segment.jerks[part], inverse) / each
+            evidence -= 0.5 * rank * float(np.log(each))
+        return cls({part: rested[part] for part in level}, used, evidence)
+
+
 def _search(
     moving: Sequence[tuple[Segment, NormalEquations]],
     start: Mapping[str, float],
@@ -80,23 +122,14 @@ def _search(
         rough, used = dict.fromkeys(level, 0.0), dict.fromkeys(level, 0.0)
         evidence = 0.0
         for segment, each in moving:
-            bent = replace(segment, smoothness=level)
             try:
-                whole = bent.smooth(each)
-                inverse = whole.inverse
+                found = SmoothedMotion.of(segment, each, level)
             except np.linalg.LinAlgError:
                 return _Intensities(level, -np.inf)
-            functions = len(segment.coefficients)
-            evidence += 0.5 * (float(whole.motion_gradient @ whole.settled) - whole.log_determinant)
-            evidence -= 0.5 * sum(bent.roughness[part] / each for part, each in level.items())
-            rested = replace(
-                bent, coefficients=segment.coefficients + whole.settled.reshape(-1, segment.block)
-            )
+            evidence += found.evidence
             for part in level:
-                rank = (PARTS[part].stop - PARTS[part].start) * (functions - 3)
-                rough[part] += rested.roughness[part]
-                used[part] += rank - banded_trace(segment.jerks[part], inverse) / level[part]
-                evidence -= 0.5 * rank * float(np.log(level[part]))
+                rough[part] += found.rough[part]
+                used[part] += found.used[part]
         off = {}
         for part in level:
             wanted = rough[part] / max(used[part], settings.least_used_freedom)

@@ -119,7 +119,7 @@ def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
     memory = None if rolled is None else rolled.last
     shorter = _shorter(window, Linear(remains.equations, kept), memory)
     lively = window.lively or Liveliness.of(segment, forgets / grid.spacing)
-    lively = lively.followed(segment, inverse, grid.intervals, forgets)
+    lively = lively.followed(segment, own, forgets)
     return replace(recursion, window=replace(shorter, lively=lively)), part
 
 

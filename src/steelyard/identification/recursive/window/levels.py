@@ -1,8 +1,8 @@
 """Levels that are followed while the motion goes on: how lively it is, and how noisy readings are.
 
-How lively: the expected roughness of what has passed over the freedom that it has (expectation and
-maximisation [Dempster1977]_), forgotten with time, so that a motion that begins to shake is not held
-as stiff as it was before.
+How lively: the roughness of what has passed over the freedom that its readings have used of it
+[MacKay1992]_, forgotten with time, so that a motion that begins to shake is not held as stiff as it was
+before; a chunk in which the readings resolve nothing of it says nothing.
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from steelyard.arrays import Array
-from steelyard.identification.banded import banded_trace
 from steelyard.identification.model.motion_segment import PARTS, Segment
+from steelyard.identification.model.segment import NormalEquations
+from steelyard.identification.model.settings import MOTION
+from steelyard.identification.model.smoothness import SmoothedMotion
+from steelyard.smoothing import DEGREE
 
 
 @dataclass(frozen=True)
@@ -50,33 +52,38 @@ class Liveliness:
             part: self.looser[part] * self.rough[part] / self.freedom[part] for part in self.rough
         }
 
-    def followed(
-        self, segment: Segment, inverse: Array, intervals: int, forgets: float
-    ) -> Liveliness:
+    def followed(self, segment: Segment, readings: NormalEquations, forgets: float) -> Liveliness:
         """With a chunk that passes.
 
         Args:
             segment: The chunk.
-            inverse: Covariance of its coefficients, lower banded form, shape (42, N).
-            intervals: Of its knots.
+            readings: Equations of its readings alone.
             forgets: Time over which it forgets [s].
         """
         if not self.rough:
             return self
+        usual = {part: self.rough[part] / self.freedom[part] for part in self.rough}
+        try:
+            found = SmoothedMotion.of(segment, readings, usual)
+        except np.linalg.LinAlgError:
+            # By itself the chunk says nothing of it.
+            return self
         start, end = segment.span
         kept = float(np.exp(-(end - start) / forgets))
-        roughness = segment.roughness
-        expected = {
-            part: roughness[part] + banded_trace(segment.jerks[part], inverse)
-            for part in self.rough
-        }
+        # At its ends a chunk is as free as nothing but its neighbours would see.
+        functions = len(segment.coefficients)
+        seen = (functions - DEGREE) / (functions - 3)
+        freedom = {part: kept * self.freedom[part] + seen * found.used[part] for part in usual}
         return replace(
             self,
-            rough={part: kept * self.rough[part] + expected[part] for part in self.rough},
-            freedom={
-                part: kept * self.freedom[part] + intervals * _components(part)
-                for part in self.rough
+            rough={
+                part: max(
+                    kept * self.rough[part] + found.rough[part],
+                    MOTION.least_intensity[part] * freedom[part],
+                )
+                for part in usual
             },
+            freedom=freedom,
         )
 
     def at_least(self, segment: Segment, intervals: int) -> Segment:
