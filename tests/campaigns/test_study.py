@@ -9,6 +9,7 @@ import pytest
 from campaign_work import here
 from drawn_estimates import covariance
 from grids import columns, is_a_deviation
+from places import DATA
 from recordings import simulated, write_small
 
 from steelyard.campaigns.rows import TABLE, frame
@@ -21,6 +22,8 @@ from steelyard.campaigns.study.setup import Setup, setup_of_experiment, setup_of
 from steelyard.campaigns.study.summary import summaries
 from steelyard.digits import LABELS
 from steelyard.errors import InputError
+from steelyard.experiment.read import read_experiment
+from steelyard.identification.identify import identify
 from steelyard.inertia import BODY_PARAMETERS
 
 TRUTH = np.array([160, 0, -0.08, -0.12, 95, 89, 32, 4, 0, 0])
@@ -148,6 +151,23 @@ def test_an_experiment_is_simulated_as_it_was_recorded(tmp_path):
     )
     np.testing.assert_allclose(second, first, atol=0.1)
     np.testing.assert_allclose(setup.robot_of().platform.mass, real.robot.platform.mass, rtol=0.05)
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize("name", ["four-cables-00", "three-cables-00"])
+def test_a_platform_that_swings_is_simulated_as_it_was_recorded(name, tmp_path):
+    path = DATA / "rough-robots" / name / "experiment.yaml"
+    setup = setup_of_experiment(path, tmp_path / "out")
+    real, experiment = read_experiment(path), drawn(setup, 5)
+    reach, width = (
+        np.ptp(e.runs[0].streams["tracker"].values["position"], axis=0) for e in (real, experiment)
+    )
+    np.testing.assert_allclose(width, reach, atol=0.1 * reach.max())
+    # Geometry lies off as is stated: that is no reason to reject.
+    estimate = identify(experiment, ["maximum-likelihood"]).estimate
+    assert estimate.verdict.accepted
+    off = estimate.value - setup.robot_of().platform.body_parameters
+    assert off @ np.linalg.solve(estimate.covariance, off) < 10 * 3.0
 
 
 def test_the_geometry_that_records_is_drawn_about_the_described_one(robot):

@@ -3,12 +3,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from few_cables import ABOVE, HEIGHT, NARROW, WIDE, few_cables
 from scipy.spatial.transform import Rotation
 
 from steelyard.dynamics import platform_wrench
 from steelyard.errors import InfeasibleError
 from steelyard.inertia import Inertia
-from steelyard.motion.limits import commanded_tensions, motion_extremes
+from steelyard.motion.limits import commanded_tensions, motion_extremes, nearest_tensions
 from steelyard.motion.state import motion_of_poses, motion_of_quaternions, specific_force_of
 from steelyard.motion.trajectory import RestToRest, Sampled, multisine
 from steelyard.robot.file import read_robot
@@ -263,6 +264,39 @@ def test_commanded_tensions_carry_the_platform():
         np.einsum("nkm,nm->nk", W, tension), wrench, atol=100 * TOLERANCE * np.abs(wrench).max()
     )
     assert (tension >= 50).all()
+
+
+def test_four_cables_carry_a_quarter_of_the_weight_each():
+    middle = replace(few_cables(4), platform=Inertia(5.0, np.zeros(3), 0.1 * np.eye(3)))
+    still = RestToRest(np.zeros(6), np.zeros(6), move=1.0)
+    tension = nearest_tensions(middle, still, np.zeros(1))
+    depth = HEIGHT - ABOVE
+    upward = depth / np.hypot(depth, WIDE - NARROW)
+    np.testing.assert_allclose(tension, 5.0 * 9.81 / 4 / upward, rtol=1e-3)
+
+
+@pytest.mark.parametrize("count", [3, 4])
+def test_what_few_cables_cannot_exert_is_at_right_angles_to_what_they_can(count):
+    robot = few_cables(count)
+    pose = np.array([[*robot.anchors[:, :2].mean(axis=0), 0.2, 0.02, -0.01, 0.0]])
+    still = RestToRest(pose[0], pose[0], move=1.0)
+    tension = nearest_tensions(robot, still, np.zeros(1))
+    motion = motion_of_poses(pose, np.zeros((1, 6)), np.zeros((1, 6)), robot.gravity)
+    W = cables_at(robot, motion["position"], motion["rotation"], tension).structure[0]
+    wrench = platform_wrench(
+        robot.platform.parameters, motion["specific_force"], motion["omega"], motion["alpha"]
+    )[0]
+    units = np.repeat([1.0, robot.size], 3)
+    left = (wrench - W @ tension[0]) / units
+    # Along what they pull together with any strength.
+    along = np.linalg.svd(W / units[:, None])[0][:, :3]
+    assert np.abs(along.T @ left).max() < 1e-9 * np.abs(wrench).max()
+    assert np.abs(left).max() > 1e-3
+    away = RestToRest(pose[0], pose[0] + np.array([9, 0, 0, 0, 0, 0]), move=4.0)
+    with pytest.raises(
+        InfeasibleError, match=r"expected tensions within 1 to 500 N that carry .*c"
+    ):
+        nearest_tensions(robot, away, TIMES)
 
 
 def test_a_pose_outside_the_frame_cannot_be_commanded_and_its_time_is_named():

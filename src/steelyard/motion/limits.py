@@ -16,6 +16,10 @@ from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Limits, Robot
 from steelyard.robot.tension import distribute
 
+_WEAK = 0.05
+"""Singular value of a structure matrix, over the largest, of tensions that hardly pull together: what a
+pose lacks would make them large, and push cables."""
+
 
 @dataclass(frozen=True)
 class CheckSettings:
@@ -171,6 +175,60 @@ def commanded_tensions(
     Raises:
         InfeasibleError: There are none at some time; the message says when.
     """
+    structure, wrench = _balance(robot, trajectory, times, still=still)
+    try:
+        return distribute(structure, wrench, robot.tension_limits, level)
+    except InfeasibleError as error:
+        raise InfeasibleError(
+            f"at {times[error.sample]:.2f} s of the trajectory: {error}", error.sample
+        ) from None
+
+
+def nearest_tensions(
+    robot: Robot, trajectory: Trajectory, times: Array, *, still: bool = False
+) -> Array:
+    """Tensions of fewer than six cables that come nearest to moving the nominal platform as commanded
+    [N], shape (n, m): forces and, in units of the platform's size, torques by least squares, the most
+    even of those that are about as near.
+
+    Args:
+        robot: With a nominal platform.
+        trajectory: The command.
+        times: [s], shape (n,).
+        still: Whether to hold the platform at rest in the poses instead.
+
+    Raises:
+        InfeasibleError: One of them is beyond the robot's limits; the message says when.
+    """
+    structure, wrench = _balance(robot, trajectory, times, still=still)
+    units = np.repeat([1.0, robot.size], 3)
+    tensions: Array = np.einsum(
+        "nmk,nk->nm", np.linalg.pinv(structure / units[:, None], rcond=_WEAK), wrench / units
+    )
+    low, high = robot.tension_limits
+    beyond = ((tensions < low) | (tensions > high)).any(axis=1)
+    if beyond.any():
+        first = int(np.argmax(beyond))
+        off = np.maximum(low - tensions[first], tensions[first] - high)
+        which = int(np.argmax(off))
+        raise InfeasibleError(
+            f"at {times[first]:.2f} s of the trajectory: expected tensions within {low:g} to {high:g} N"
+            f" that carry the platform, found {tensions[first, which]:.4g} N of cable {which + 1}; move"
+            " nearer to the middle, more slowly, or tilt less",
+            first,
+        )
+    return tensions
+
+
+def _balance(
+    robot: Robot, trajectory: Trajectory, times: Array, *, still: bool
+) -> tuple[Array, Array]:
+    """Structure matrices of straight cables, shape (n, 6, m), and the wrench on the nominal platform,
+    shape (n, 6), along a command; arguments as of :func:`commanded_tensions`.
+
+    Raises:
+        InfeasibleError: There is no nominal platform.
+    """
     if robot.platform is None:
         raise InfeasibleError(
             f"robot '{robot.name}': expected a nominal platform, found none; add 'platform' to its"
@@ -187,9 +245,4 @@ def commanded_tensions(
     structure = cables_at(
         straight, motion["position"], motion["rotation"], np.ones(robot.m)
     ).structure
-    try:
-        return distribute(structure, wrench, robot.tension_limits, level)
-    except InfeasibleError as error:
-        raise InfeasibleError(
-            f"at {times[error.sample]:.2f} s of the trajectory: {error}", error.sample
-        ) from None
+    return structure, wrench

@@ -21,6 +21,10 @@ DIRECTIONS = 6
 constant length it cannot move."""
 
 
+_POSE = 6
+"""Numbers of a pose."""
+
+
 @dataclass(frozen=True)
 class CableProperties:
     """What all cables of a robot are made of. None: without this effect."""
@@ -168,6 +172,11 @@ class Robot:
     def m(self) -> int:
         """Number of cables."""
         return len(self.anchors)
+
+    @property
+    def holds_any_pose(self) -> bool:
+        """Whether its cables are enough to hold a platform in any pose: on fewer than six it swings."""
+        return self.m >= _POSE
 
     @property
     def up(self) -> Array:

@@ -25,8 +25,8 @@ from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler, point_velocity
 from steelyard.errors import InfeasibleError, InputError
 from steelyard.inertia import Inertia
-from steelyard.motion.limits import commanded_tensions
-from steelyard.motion.state import State
+from steelyard.motion.limits import commanded_tensions, nearest_tensions
+from steelyard.motion.state import State, motion_of_poses
 from steelyard.motion.trajectory import RestToRest, Trajectory
 from steelyard.robot import cable
 from steelyard.robot.kinematics import cables_at, structure_columns
@@ -44,6 +44,9 @@ class ForwardDynamicsSettings:
     feed_samples_per_second: float = 100.0
     """Poses at which the winches know the lengths to feed [Hz], with a quintic spline between: far
     above the half hertz of commands."""
+    moves: float = 1e-3
+    """Speed at which a motion begins that does not begin at rest [m/s], [rad/s]: what is left of a fit
+    to one that does is less."""
     displacement: float = 1e-6
     """Of a pose, for its stiffness by central differences [m], [rad]: far above rounding
     and far below what changes the stiffness."""
@@ -124,11 +127,6 @@ class CablePlatform:
             raise InputError(
                 f"robot '{self.robot.name}': expected 'cable.axial_stiffness' for a simulation,"
                 " found none; add EA in newtons"
-            )
-        if self.robot.m < 6:
-            raise InputError(
-                f"robot '{self.robot.name}': expected at least 6 cables for a simulation, found"
-                f" {self.robot.m}; with fewer the platform swings freely"
             )
         if not self.body.is_physical:
             raise InputError(
@@ -239,6 +237,23 @@ class CablePlatform:
             )
         return _at_rest(pose[:3], start, found.x)
 
+    def _start(self, trajectory: Trajectory, feed: Array) -> Array:
+        """State in which a motion begins, shape (13,).
+
+        Args:
+            trajectory: The command.
+            feed: Unstrained lengths at its beginning [m], shape (m,).
+
+        Raises:
+            InfeasibleError: There is no pose at rest near.
+        """
+        pose, rate, acceleration = (trajectory.derivative(np.zeros(1), order) for order in range(3))
+        if self.robot.holds_any_pose or np.abs(rate).max() < self.settings.moves:
+            return self.equilibrium(pose[0], feed)
+        motion = motion_of_poses(pose, rate, acceleration, self.robot.gravity)
+        start = Rotation.from_matrix(motion["rotation"][0]).as_quat(scalar_first=True)
+        return np.concatenate([pose[0, :3], start, motion["velocity"][0], motion["omega"][0]])
+
     def natural_frequencies(self, pose: Array, level: float | None = None) -> Array:
         """Of small swings about a pose at rest, ascending [Hz], shape (6,); a direction that does
         not swing back has 0.
@@ -270,7 +285,8 @@ class CablePlatform:
         tolerance: float | None = None,
         level: float | None = None,
     ) -> ElasticMotion:
-        """Integrate from rest while the winches feed what the commanded poses need.
+        """Integrate while the winches feed what the commanded poses need: from rest, or from what the
+        command begins with where fewer than six cables let the platform swing.
 
         Args:
             trajectory: The command.
@@ -287,7 +303,7 @@ class CablePlatform:
         times = np.linspace(0.0, duration, count)
         feed = make_interp_spline(times, feed_lengths(self.robot, trajectory, times, level), k=5)
         feed_rate = feed.derivative()
-        start = self.equilibrium(trajectory.derivative(times[:1], 0)[0], feed(0.0))
+        start = self._start(trajectory, feed(0.0))
         rate = self._rate
 
         def derivative(t: float, x: Array) -> Array:
@@ -325,6 +341,8 @@ def feed_lengths(
     (n, m).
 
     What a winch controller knows: elasticity and sag under the platform's weight, but no dynamics.
+    Fewer than six cables cannot hold it in any pose: then they are those that come nearest to moving
+    it as commanded, dynamics included, so that a motion that such a robot has made comes out again.
 
     Args:
         robot: With a nominal platform.
@@ -332,7 +350,10 @@ def feed_lengths(
         times: [s], shape (n,).
         level: Tension that it stays near to [N]; None: the smallest tensions that do.
     """
-    tension = commanded_tensions(robot, trajectory, times, still=True, level=level)
+    if robot.holds_any_pose:
+        tension = commanded_tensions(robot, trajectory, times, still=True, level=level)
+    else:
+        tension = nearest_tensions(robot, trajectory, times)
     pose = trajectory.derivative(times, 0)
     rotation = Rotation.from_euler("ZYX", pose[:, :2:-1]).as_matrix()
     try:

@@ -16,7 +16,12 @@ from steelyard.errors import InfeasibleError, InputError
 from steelyard.experiment.streams.place import StreamPlace
 from steelyard.experiment.streams.read_stream import read_stream
 from steelyard.instruments import Command
-from steelyard.motion.limits import check_times, commanded_tensions, motion_extremes
+from steelyard.motion.limits import (
+    check_times,
+    commanded_tensions,
+    motion_extremes,
+    nearest_tensions,
+)
 from steelyard.motion.trajectory import Repeated, RestToRest, Sampled, Trajectory, multisine
 from steelyard.robot.model import Robot
 
@@ -126,7 +131,7 @@ def trajectories(
                 f" found {extremes.worst}; choose a longer --duration or another trajectory"
             )
         if robot.m and robot.platform:
-            commanded_tensions(robot, trajectory, check_times(trajectory))
+            _tensions(robot, trajectory, check_times(trajectory))
     return runs
 
 
@@ -171,6 +176,9 @@ def feasible_multisine(
         InputError: Not even a small one is feasible.
     """
     center, reach = workspace_of(robot)
+    if robot.m and not robot.holds_any_pose:
+        # How it turns is not for the winches to say: it swings while they move it.
+        reach = reach * np.repeat([1.0, 0.0], 3)
     harmonics = max(settings.fewest_harmonics, round(settings.highest_frequency * duration))
 
     def trial(of_position: float, of_angles: float) -> Sampled:
@@ -192,8 +200,8 @@ def feasible_multisine(
             return trajectory
         try:
             times = check_times(trajectory)
-            moving = commanded_tensions(careful, trajectory, times)
-            at_rest = commanded_tensions(careful, trajectory, times, still=True)
+            moving = _tensions(careful, trajectory, times)
+            at_rest = _tensions(careful, trajectory, times, still=True)
             tensions = np.concatenate([moving, at_rest])
         except InfeasibleError:
             continue
@@ -207,6 +215,12 @@ def feasible_multisine(
         f"robot '{robot.name}': expected a pose in the middle of its limits that its cables can"
         " hold, found none; check 'limits', 'tension' and 'platform' in the robot file"
     )
+
+
+def _tensions(robot: Robot, trajectory: Trajectory, times: Array, *, still: bool = False) -> Array:
+    """See :func:`.commanded_tensions`, and :func:`.nearest_tensions` of fewer than six cables."""
+    ask = commanded_tensions if robot.holds_any_pose else nearest_tensions
+    return ask(robot, trajectory, times, still=still)
 
 
 def _largest(

@@ -137,7 +137,8 @@ def setup_of_experiment(
         write_yaml({"sync": _CLOCKS, "instruments": _described(experiment)}, fresh / "sensors.yaml")
         for i, motion in enumerate(found.motion):
             name = f"run-{i + 1}.csv"
-            _write_motion(motion, fresh / name)
+            # Where it swings, it begins in the midst of that.
+            _write_motion(motion, fresh / name, _HELD if robot.holds_any_pose else 0.0)
             motions.append(str(place / name))
     uncertainty = tuple((key, float(v)) for key, v in sorted(experiment.uncertainty.items()))
     setup = Setup(
@@ -185,16 +186,21 @@ def _described(experiment: Experiment) -> dict[str, Any]:
     return found
 
 
-def _write_motion(motion: FittedMotion, path: Path) -> None:
+def _write_motion(motion: FittedMotion, path: Path, rest: float) -> None:
     """Write a fitted motion as one that is commanded: smooth, for the vibrations of the platform on
     its cables (and noise) are no part of the command; the simulation has its own.
+
+    Args:
+        motion: As it was fitted.
+        path: Of the file.
+        rest: Before and after it [s].
 
     Raises:
         InputError: It is too short.
     """
     quaternion = Rotation.from_quat(motion.rotation, scalar_first=True)
     rpy = np.unwrap(quaternion.as_euler("ZYX")[:, ::-1], axis=0)
-    held = round(_HELD * RATE)
+    held = round(rest * RATE)
     poses = np.pad(np.hstack([motion.values["position"], rpy]), ((held, held), (0, 0)), mode="edge")
     time = np.arange(len(poses)) / RATE
     samples = Samples1D(time, poses)

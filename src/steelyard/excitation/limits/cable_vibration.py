@@ -87,7 +87,7 @@ def natural_frequencies(robot: Robot, pose: Array, level: float) -> Array:
     """Of the platform on its elastic cables, ascending [Hz], shape (6,); empty where their
     stiffness is not known.
     """
-    elastic = robot.m >= 6 and robot.cable.axial_stiffness
+    elastic = robot.holds_any_pose and robot.cable.axial_stiffness
     if not (elastic and robot.platform and robot.platform.is_physical):
         return np.zeros(0)
     try:

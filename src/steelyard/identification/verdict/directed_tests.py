@@ -207,12 +207,19 @@ def _by_blocks(
 
 
 def _of_priors(posterior: Posterior, settings: VerdictSettings) -> Iterator[Finding]:
-    """Calibration parameters that were estimated: whether they came out where their prior has them."""
+    r"""Calibration parameters that were estimated: whether they came out where their prior has them.
+
+    With an error :math:`e` of covariance :math:`P` and a gain :math:`G`, an estimate lies off its prior
+    mean by a variance of :math:`P_0 + P - 2 G`, for :math:`\operatorname{cov}(e, x) = -G`. Where the
+    noise of the motion makes :math:`P` larger than :math:`G`, this is more than :math:`P_0 - P`.
+    """
     calibration_parameters, values = (
         posterior.calibration.calibration_parameters,
         posterior.calibration.values,
     )
-    variance = np.diag(posterior.solution.covariance)[TEN:]
+    variance, gain = (
+        np.diag(each)[TEN:] for each in (posterior.solution.covariance, posterior.solution.gain)
+    )
     moves = posterior.solution.covariance[:TEN, TEN:]
     length = length_of(posterior)
     for place, unknown, component in calibration_parameters.components():
@@ -226,7 +233,8 @@ def _of_priors(posterior: Posterior, settings: VerdictSettings) -> Iterator[Find
         ):
             continue
         size = values[place] - unknown.mean[component]
-        z = float(size / np.sqrt(prior - variance[place]))
+        off = max(prior + variance[place] - 2 * gain[place], (1 - settings.informed) * prior)
+        z = float(size / np.sqrt(off))
         unstated = unknown.full_key in posterior.asked_for
         yield Finding(
             name=calibration_parameters.names[place],
