@@ -250,6 +250,8 @@ class MistakeSettings:
     """Share of what is bad altogether that is explained well enough not to try clocks, too."""
     much_better: float = 0.4
     """Ratio to the present one that is left where it is worst, at most."""
+    spoils: float = 2.0
+    """By how much a good agreement that becomes bad must be worse than before to be spoilt."""
     good: float = 1.25
     """Ratio of an agreement that nothing but noise is left of."""
     wider: float = 2.0

@@ -61,7 +61,7 @@ class Observation:
 
     def later(self, times: Array, delay: float) -> Observation:
         """At instants of common time, of a stream that is late; beyond its ends it stays as it was
-        there.
+        there: see :meth:`.Excerpt.delayed`.
         """
         if self.spline is None:
             return self
@@ -106,13 +106,33 @@ class Excerpt:
         return replace(self, instruments={**self.instruments, name: changed})
 
     def delayed(self, delays: Mapping[str, float]) -> Excerpt:
-        """With instruments at times that are later [s]."""
-        return self.with_observations(
-            {
-                source: each.later(self.time, delays[source[0]])
+        """With instruments at times that are later [s], as long as they read then."""
+        moved = {s: each for s, each in self.observations.items() if s[0] in delays}
+        later = self.with_observations(
+            {source: each.later(self.time, delays[source[0]]) for source, each in moved.items()}
+        )
+        if self.static:
+            return later
+        first = max((each.span[0] - delays[s[0]] for s, each in moved.items()), default=-np.inf)
+        last = min((each.span[1] - delays[s[0]] for s, each in moved.items()), default=np.inf)
+        return later.within(first - self.spacing, last + self.spacing)
+
+    def within(self, first: float, last: float) -> Excerpt:
+        """The part of it from one instant of common time to another [s]; the very same where that is
+        all.
+        """
+        use = (self.time >= first) & (self.time <= last)
+        if use.all():
+            return self
+        return replace(
+            self,
+            time=self.time[use],
+            observations={
+                source: replace(
+                    each, value=each.value[use], rate=each.rate[use], bend=each.bend[use]
+                )
                 for source, each in self.observations.items()
-                if source[0] in delays
-            }
+            },
         )
 
     @property

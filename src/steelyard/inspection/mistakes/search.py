@@ -8,7 +8,7 @@ for, until nothing is bad or nothing helps.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -23,6 +23,9 @@ from steelyard.inspection.mistakes.amendment import ROBOT, Amendment, Change
 from steelyard.inspection.mistakes.catalogue import amendments, clock_amendments
 from steelyard.inspection.mistakes.clocks import SYNC_AUTO
 from steelyard.inspection.settings import MISTAKES, MistakeSettings
+
+_LEAST_PART = 0.1
+"""Part of a run that an amendment must leave to look at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +71,8 @@ class _Trial:
     gain: float
     amendment: Amendment
     excerpt: Excerpt
+    before: Mapping[Relation, InstrumentAgreement]
+    """What it is held against: the agreements as described, of the same part of the run."""
     after: dict[Relation, InstrumentAgreement]
 
     @property
@@ -143,7 +148,7 @@ def _best(now: Judged, settings: MistakeSettings) -> tuple[Mistake, Judged] | No
         _try_all(now, suspects, before, tried, begun, settings)
         tried.sort(key=lambda trial: -trial.gain)
         for trial in tried[: settings.considered]:
-            if _helps_much(now, trial, settings) and not _neighbours_help(now, trial, settings):
+            if _helps_much(trial, settings) and not _neighbours_help(now, trial, settings):
                 return _named(now, trial, tried, settings)
         before = frozenset(suspects)
     return None
@@ -186,7 +191,7 @@ def _try_all(
             if trial is None:
                 continue
             tried.append(trial)
-            if amendment.proposal == SYNC_AUTO and _helps_much(now, trial, settings):
+            if amendment.proposal == SYNC_AUTO and _helps_much(trial, settings):
                 # The other clocks are found with this one.
                 break
 
@@ -232,17 +237,41 @@ def _evaluated(
         amended = change(now.excerpt)
     except (ValueError, np.linalg.LinAlgError):
         return None
+    if len(amended.time) < _LEAST_PART * len(now.excerpt.time):
+        return None
+    before = _as_described(now, amended, touched)
+    # A shifted clock leaves a part of the run, which may be one in which nothing is wrong.
+    gain = min(gain, sum(before[each].cost for each in touched) - amendment.cost)
+    if gain < least:
+        return None
     after: dict[Relation, InstrumentAgreement] = {}
     # What takes less time first, of that what is worst: most amendments are given up there.
     for relation in sorted(touched, key=lambda r: (not is_of_motion(r), -now.agreements[r].cost)):
         agreement_then = evaluated(amended, relation)
         if agreement_then is None:
             return None
-        after[relation] = _comparable(agreement_then, now.agreements[relation], settings)
+        after[relation] = _comparable(agreement_then, before[relation], settings)
         gain -= after[relation].cost
         if gain < least:
             return None
-    return _Trial(gain, amendment, amended, after)
+    return _Trial(gain, amendment, amended, before, after)
+
+
+def _as_described(
+    now: Judged, amended: Excerpt, touched: Sequence[Relation]
+) -> Mapping[Relation, InstrumentAgreement]:
+    """Agreements as described in the part of the run that an amendment leaves.
+
+    Args:
+        now: What contradicts what.
+        amended: With the amendment.
+        touched: Agreements that may be others then.
+    """
+    if len(amended.time) == len(now.excerpt.time):
+        return now.agreements
+    part = now.excerpt.within(float(amended.time[0]), float(amended.time[-1]))
+    found = {each: evaluated(part, each) for each in touched}
+    return {each: now.agreements[each] if own is None else own for each, own in found.items()}
 
 
 def _neighbours_help(now: Judged, trial: _Trial, settings: MistakeSettings) -> bool:
@@ -256,10 +285,16 @@ def _neighbours_help(now: Judged, trial: _Trial, settings: MistakeSettings) -> b
     )
 
 
-def _helps_much(now: Judged, trial: _Trial, settings: MistakeSettings) -> bool:
-    """Whether one of the agreements that are bad becomes good, or much better."""
+def _helps_much(trial: _Trial, settings: MistakeSettings) -> bool:
+    """Whether one of the agreements that are bad becomes good, or much better, and none that is good
+    becomes bad: what is right contradicts nothing that was so before.
+    """
     for relation, after in trial.after.items():
-        before = now.agreements[relation]
+        before = trial.before[relation]
+        if before.agrees and not after.agrees and after.worst > settings.spoils * before.worst:
+            return False
+    for relation, after in trial.after.items():
+        before = trial.before[relation]
         limit = max(settings.good, settings.much_better * before.worst)
         if not before.agrees and after.worst < limit:
             return True
@@ -278,7 +313,7 @@ def _named(
     mistake = Mistake(
         trial.amendment,
         now.excerpt.run.name,
-        tuple(now.agreements[relation] for relation in trial.after),
+        tuple(trial.before[relation] for relation in trial.after),
         tuple(trial.after.values()),
         trial.gain,
         tuple(others)[: settings.others],
