@@ -1,7 +1,7 @@
 """What the verdict says of every mistake that people make, on drawn recordings of robots with few cables
 and of held ones: `python benchmarks/mistakes_on_few.py DRAWS ROBOT …` (`rough/`, which needs MuJoCo).
 
-`steelyard study --mistakes` simulates by itself, and needs six cables for it. Prints for each mistake
+`steelyard study --mistakes` simulates by itself; these recordings are from another simulator. Prints for each mistake
 how many draws are rejected or refused, and how many are accepted though their chi-square per parameter
 is above three, and the first reason of the first draw.
 """
