@@ -53,7 +53,8 @@ class Session:
     paused: float | None = None
     """Since when forces or motion have been missing [s]; None: they are there."""
     due: float | None = None
-    """Until when there has to be more for another try to begin [s]; None: none was made."""
+    """Common time until which samples must have arrived before a beginning is tried again [s]; None:
+    none was tried."""
     why: str = ""
     """Why it was none."""
     judged: float = -np.inf
