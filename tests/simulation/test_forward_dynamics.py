@@ -22,6 +22,23 @@ SOLVED = 1e-9  # of lengths, relative: residuals of both solutions
 FINE = 1e-9  # of the integrator, where differences divide its error by small times
 
 
+def assert_as_in_mujoco(robot, response, reach):
+    """The same poses for five seconds, and along every axis as far as that at least [m]: the comparison
+    means something only if the platform went somewhere."""
+    start = response.at(np.zeros(1))
+    quaternion = Rotation.from_matrix(start.rotation[0]).as_quat(scalar_first=True)
+    found = moved(
+        robot, response.feed, np.concatenate([start.position[0], quaternion]), DURATION, step=2.5e-4
+    )
+    ours = response.at(found.time)
+    assert np.abs(ours.position - found.seen[:, :3]).max() < POSE_TOLERANCE
+    turned = Rotation.from_quat(found.seen[:, 3:7], scalar_first=True).inv() * Rotation.from_matrix(
+        ours.rotation
+    )
+    assert turned.magnitude().max() < POSE_TOLERANCE
+    assert np.ptp(found.seen[:, :3], axis=0).min() > reach
+
+
 @pytest.mark.mujoco
 def test_pose_agrees_with_mujoco_over_five_seconds():
     robot = point_robot(damping_ratio=0.0)
@@ -30,20 +47,7 @@ def test_pose_agrees_with_mujoco_over_five_seconds():
     )
     platform = CablePlatform(robot, robot.platform)
     response = platform.move(trajectory)
-
-    start = response.at(np.zeros(1))
-    quaternion = Rotation.from_matrix(start.rotation[0]).as_quat(scalar_first=True)
-    found = moved(
-        robot, response.feed, np.concatenate([start.position[0], quaternion]), DURATION, step=2.5e-4
-    )
-    ours = response.at(found.time)
-    assert np.abs(ours.position - found.seen[:, :3]).max() < POSE_TOLERANCE
-    turned = Rotation.from_quat(found.seen[:, 3:7], scalar_first=True).inv() * Rotation.from_matrix(
-        ours.rotation
-    )
-    assert turned.magnitude().max() < POSE_TOLERANCE
-    # The comparison means something only if the platform went somewhere.
-    assert np.ptp(found.seen[:, :3], axis=0).min() > 0.2
+    assert_as_in_mujoco(robot, response, reach=0.2)
 
 
 @pytest.mark.mujoco
@@ -52,18 +56,7 @@ def test_a_platform_that_swings_agrees_with_mujoco(count):
     robot = few_cables(count)
     trajectory = feasible_multisine(robot, DURATION)
     response = CablePlatform(robot, robot.platform).move(trajectory)
-    start = response.at(np.zeros(1))
-    quaternion = Rotation.from_matrix(start.rotation[0]).as_quat(scalar_first=True)
-    found = moved(
-        robot, response.feed, np.concatenate([start.position[0], quaternion]), DURATION, step=2.5e-4
-    )
-    ours = response.at(found.time)
-    assert np.abs(ours.position - found.seen[:, :3]).max() < POSE_TOLERANCE
-    turned = Rotation.from_quat(found.seen[:, 3:7], scalar_first=True).inv() * Rotation.from_matrix(
-        ours.rotation
-    )
-    assert turned.magnitude().max() < POSE_TOLERANCE
-    assert np.ptp(found.seen[:, :3], axis=0).min() > 0.1
+    assert_as_in_mujoco(robot, response, reach=0.1)
 
 
 @pytest.mark.parametrize("count", [3, 4])
