@@ -258,7 +258,9 @@ def _default_box(robot: Robot, settings: WorkspaceSettings) -> Array:
     platform = robot.attachments.mean(axis=0)
     if high[2] - low[2] < robot.size:
         # All anchors at one height: the platform hangs below them.
-        width = float(np.min(high[:2] - low[:2]))
+        across = high[:2] - low[:2]
+        # Two anchors, or a row of them, span a plane.
+        width = float(np.min(across[across > robot.size], initial=np.max(across)))
         low = np.array([low[0], low[1], high[2] - settings.hanging_share * width])
     middle = (low + high) / 2 - platform
     reach = (high - low) / settings.frame_parts
