@@ -264,6 +264,33 @@ def rested(rest, duration=DURATION):
     return Recorder(AfterRest(feasible_multisine(ROBOT, duration), rest))
 
 
+@dataclass(frozen=True)
+class Vibrating:
+    """A trajectory with a vibration along z and about x from an instant on, growing within a second."""
+
+    trajectory: object
+    since: float  # [s]
+    frequency: float = 3.0  # [Hz]
+    size: tuple = (0, 0, 0.002, 0.004, 0, 0)  # [m], [rad]
+
+    @property
+    def duration(self):
+        return self.trajectory.duration
+
+    def derivative(self, t, order):
+        w, u = 2 * np.pi * self.frequency, np.clip(t - self.since, 0.0, 1.0)
+        grown = [u**3 * (10 - 15 * u + 6 * u**2), 30 * u**2 * (1 - u) ** 2, 60 * u - 180 * u**2 + 120 * u**3]  # fmt: skip
+        sine = [np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)]
+        terms = [[(1, 0, 0)], [(1, 0, 1), (1, 1, 0)], [(1, 0, 2), (2, 1, 1), (1, 2, 0)]][order]
+        vibration = sum(n * grown[i] * sine[k] for n, i, k in terms)
+        return self.trajectory.derivative(t, order) + vibration[:, None] * np.array(self.size)
+
+
+def vibrating(since, duration=DURATION):
+    """A recorder of a platform that begins to vibrate."""
+    return Recorder(Vibrating(feasible_multisine(ROBOT, duration), since), following=True)
+
+
 def loaded(seed, **keys):
     """A recording with a payload."""
     mass = keys.pop("mass", 3.2)

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from places import DATA
-from simulated import rested
+from scipy.interpolate import BSpline
+from simulated import rested, vibrating
 
 from steelyard.errors import InputError
+from steelyard.experiment.equivalent.platform_frame import centred
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
 from steelyard.identification.model.motion_segment import Segment
@@ -18,6 +20,7 @@ from steelyard.identification.recursive.follow import begin, follow
 from steelyard.identification.recursive.following import Instant
 from steelyard.identification.recursive.parts import with_further
 from steelyard.identification.recursive.settings import RECURSIVE
+from steelyard.identification.recursive.window.finer import on_finer_knots
 from steelyard.identification.recursive.window.grid import KnotGrid
 from steelyard.identification.recursive.window.past import (
     Linear,
@@ -26,6 +29,7 @@ from steelyard.identification.recursive.window.past import (
     in_one,
     together,
 )
+from steelyard.identification.recursive.window.window import Window
 from steelyard.identification.solve.border.segment_equations import segment_equations
 from steelyard.smoothing import DEGREE
 
@@ -417,6 +421,60 @@ def test_a_motion_may_begin_after_a_rest(rest):
     assert one.verdict.accepted
     assert (np.abs(one.value - other.value) < 0.4 * other.standard_deviation).all()
     assert one.standard_deviation == pytest.approx(other.standard_deviation, rel=0.05)
+
+
+@pytest.mark.integration
+def test_a_platform_that_begins_to_vibrate_is_followed_on_finer_knots():
+    experiment = vibrating(8.0)(5)
+    whole = identify(experiment, ["maximum-likelihood"]).estimate
+    passed = list(follow(centred(experiment)))
+    spacings = [each.window.grid.spacing for each in passed[:-1]]
+    assert spacings[-1] < 0.7 * spacings[0]
+    first = int(np.argmin(spacings))
+    assert 8.0 < passed[first].instants[-1].time < 9.0
+    assert passed[-1].recursion.unsettled == 0
+    found = identify(experiment, ["recursive"]).estimate
+    assert found.verdict.accepted
+    assert (np.abs(found.value - whole.value) < 0.5 * whole.standard_deviation).all()
+    assert found.standard_deviation == pytest.approx(whole.standard_deviation, rel=0.1)
+
+
+def test_a_motion_and_what_is_known_of_it_are_the_same_on_finer_knots():
+    rng = np.random.default_rng(4)
+    block, border, intervals = 7, 3, 11
+    grid = KnotGrid(2.0, 0.3, 4, block)
+    equations, *_ = drawn(rng, 9, block, border)
+    motion = rng.normal(size=(DEGREE, block))
+    point, at = rng.normal(size=border), rng.normal(size=(DEGREE, block))
+    past = Linear(eliminated(equations, DEGREE), Point(at, point))
+    window = Window(grid, None, first=3, motion=motion, past=past)
+    finer = on_finer_knots(window, intervals)
+    assert finer.grid.span(3) == pytest.approx(grid.span(3))
+    start, _ = grid.span(3)
+
+    def derivatives(grid, motion):
+        further = np.zeros((grid.intervals, block))
+        spline = BSpline(grid.knots(3), np.vstack([motion, further]), DEGREE)
+        return np.array([spline(start, nu=order) for order in range(DEGREE)])
+
+    expected = derivatives(grid, motion)
+    np.testing.assert_allclose(derivatives(finer.grid, finer.motion), expected, rtol=1e-6)
+    # Of any motion, coefficients on the one knots by those on the other.
+    change = np.array(
+        [
+            on_finer_knots(replace(window, motion=np.outer(e, np.ones(block))), intervals).motion[
+                :, 0
+            ]
+            for e in np.eye(DEGREE)
+        ]
+    ).T
+    for moved in (motion, at, rng.normal(size=(DEGREE, block))):
+        there = past.seen_from(Point(moved, point + 1.0))
+        other = finer.past.seen_from(Point(change @ moved, point + 1.0))
+        expected = there.motion_gradient.reshape(DEGREE, block)
+        found = change.T @ other.motion_gradient.reshape(DEGREE, block)
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+        np.testing.assert_allclose(other.border_gradient, there.border_gradient, rtol=1e-6)
 
 
 @pytest.mark.integration

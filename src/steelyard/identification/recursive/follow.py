@@ -143,6 +143,7 @@ def _begun(
         recursion,
         np.zeros((0, like.segment.block)),
         parts=tuple(parts),
+        closest=taken.records[-1].closest,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -26,8 +26,9 @@ from steelyard.identification.recursive.parts import (
 )
 from steelyard.identification.recursive.passing import passed
 from steelyard.identification.recursive.recursion import Recursion
-from steelyard.identification.recursive.settling import arrived
+from steelyard.identification.recursive.settling import arrived, beyond_noise
 from steelyard.identification.recursive.spikes import forces_alone, motion_alone_in_words
+from steelyard.identification.recursive.window.finer import on_finer_knots
 from steelyard.identification.recursive.window.grid import KnotGrid
 from steelyard.identification.recursive.window.walk import as_in_the_end, by_mass
 from steelyard.identification.recursive.window.window import Window
@@ -131,6 +132,10 @@ class Following:
     """Whether the last chunk looked as if something had changed."""
     touched: bool = False
     """Whether something touches the platform now."""
+    closest: float = np.inf
+    """Between knots, as the motion's instruments resolve it [s]."""
+    coarse_until: float = -np.inf
+    """Until when finer knots need not be tried again, which have not helped [s]."""
 
     @property
     def window(self) -> Window:
@@ -170,8 +175,47 @@ class Following:
         readings, forces = within(
             self.experiment, run, self.like, self.recursion.state.calibration, span
         )
-        recursion = arrived(self.recursion, readings, forces, self._motion(self.number))
-        return replace(self, recursion=recursion, number=self.number + 1)
+
+        def further(found: Following) -> Following:
+            recursion = arrived(found.recursion, readings, forces, found._motion(found.number))
+            return replace(found, recursion=recursion, number=found.number + 1)
+
+        found = further(self)
+        if self.is_beginning or span[0] < self.coarse_until:
+            return found
+        return self._followed_closely(found, further)
+
+    def _followed_closely(
+        self, found: Following, further: Callable[[Following], Following]
+    ) -> Following:
+        """With a chunk on finer knots, where these take most of what it leaves of the readings beyond
+        their noise: it has begun to vibrate.
+
+        Args:
+            found: With the chunk on the knots that there are.
+            further: Takes the chunk.
+        """
+        settings, grid = self.recursion.settings, self.window.grid
+        best, least = found, beyond_noise(found.recursion)
+        own, most = grid.intervals, int(grid.length / self.closest)
+        if least < settings.vibrates or most <= own:
+            return found
+        passed = self
+        while passed.window.chunks:
+            passed = passed.passed()
+        if passed.window.past is None:
+            return found
+        doubled = [own << i for i in range(1, most.bit_length()) if own << i < most]
+        for intervals in (*doubled, most):
+            window = on_finer_knots(passed.window, intervals)
+            finer = further(replace(passed, recursion=replace(passed.recursion, window=window)))
+            left = beyond_noise(finer.recursion)
+            if left < settings.followed * least:
+                best, least = finer, left
+        if best is not found:
+            return best
+        start, _ = grid.span(self.number)
+        return replace(found, coarse_until=start + settings.begin)
 
     def noted(self) -> Following:
         """With what is known after the last chunk."""
@@ -273,7 +317,12 @@ class Following:
         if not like.readings:
             raise NoBalanceError(f"run '{run.name}': no instrument tells its motion")
         samples = self.samples if known else (*self.samples, *readings.samples)
-        resumed = replace(self, samples=samples, recursion=replace(self.recursion, state=state))
+        resumed = replace(
+            self,
+            samples=samples,
+            recursion=replace(self.recursion, state=state),
+            closest=min(each.closest for each in readings.records),
+        )
         return at_beginning(resumed, Likeness(like, forces))
 
     @property

@@ -98,11 +98,12 @@ def motions_of(parts: Sequence[SegmentEquations]) -> list[SegmentEquations]:
 
 
 def _follows(part: SegmentEquations, before: SegmentEquations) -> bool:
-    """Whether a chunk begins where another one ends."""
+    """Whether a chunk begins where another one ends, on the same knots."""
     one, other = before.segment, part.segment
     if one.static or other.static or one.run != other.run:
         return False
-    return abs(other.span[0] - one.span[1]) < _SAME * other.spacing
+    alike = abs(other.spacing - one.spacing) < _SAME * one.spacing
+    return alike and abs(other.span[0] - one.span[1]) < _SAME * other.spacing
 
 
 def _joined(parts: Sequence[SegmentEquations]) -> SegmentEquations:

@@ -18,6 +18,7 @@ from steelyard.identification.recursive.window.past import (
     Linear,
     Point,
     eliminated,
+    in_one,
     narrowed,
     nothing_told,
     of_border,
@@ -119,7 +120,8 @@ def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
     memory = None if rolled is None else rolled.last
     shorter = _shorter(window, Linear(remains.equations, kept), memory)
     lively = window.lively or Liveliness.of(segment, forgets / grid.spacing)
-    lively = lively.followed(segment, own, forgets)
+    alone = in_one(rows, np.zeros(0, dtype=np.intp), border)
+    lively = lively.followed(segment, segment.equations(0, [alone]), forgets)
     return replace(recursion, window=replace(shorter, lively=lively)), part
 
 

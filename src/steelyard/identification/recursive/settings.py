@@ -33,6 +33,11 @@ class RecursiveSettings:
     arrived: float = 3.0
     """Decrease of the cost, a chi-square, that the last step promised: what is left then is some
     hundreds of times smaller."""
+    vibrates: float = 1.0
+    """Variance of what a chunk leaves of the instruments of the motion, beyond that of their noise and in
+    units of it, from which finer knots are tried: a wrong noise is rarely that large."""
+    followed: float = 0.5
+    """Part of that which finer knots may leave at most: else it is no vibration that they follow."""
     alarm: float = 1e-10
     """Probability with which a chunk looks by chance as if the load had changed: there are ten
     thousand in an hour, and some places for a change in each."""

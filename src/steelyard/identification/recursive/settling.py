@@ -95,6 +95,16 @@ def arrived(
     return here if settled else replace(here, unsettled=here.unsettled + 1)
 
 
+def beyond_noise(recursion: Recursion) -> float:
+    """Variance of what the last chunk leaves of the instruments of the motion, beyond that of their
+    noise and in units of it, of all quantities together.
+    """
+    assert recursion.window is not None
+    last = recursion.window.chunks[-1]
+    read = last.rows[: len(last.segment.readings)]
+    return sum(max(float(np.mean(each.residual**2)) - 1.0, 0.0) for each in read)
+
+
 @dataclass(frozen=True, eq=False)
 class _AlongMotion:
     """The last chunk, linearised along a motion."""
