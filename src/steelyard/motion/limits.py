@@ -220,6 +220,22 @@ def nearest_tensions(
     return tensions
 
 
+def winch_tensions(
+    robot: Robot,
+    trajectory: Trajectory,
+    times: Array,
+    *,
+    still: bool = False,
+    level: float | None = None,
+) -> Array:
+    """Tensions at which winches aim for a command [N], shape (n, m): :func:`commanded_tensions` where
+    the cables hold any pose, else :func:`nearest_tensions`. Arguments and errors as of these.
+    """
+    if robot.holds_any_pose:
+        return commanded_tensions(robot, trajectory, times, still=still, level=level)
+    return nearest_tensions(robot, trajectory, times, still=still)
+
+
 def _balance(
     robot: Robot, trajectory: Trajectory, times: Array, *, still: bool
 ) -> tuple[Array, Array]:

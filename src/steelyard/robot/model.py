@@ -21,10 +21,6 @@ DIRECTIONS = 6
 constant length it cannot move."""
 
 
-_POSE = 6
-"""Numbers of a pose."""
-
-
 @dataclass(frozen=True)
 class CableProperties:
     """What all cables of a robot are made of. None: without this effect."""
@@ -176,7 +172,7 @@ class Robot:
     @property
     def holds_any_pose(self) -> bool:
         """Whether its cables are enough to hold a platform in any pose: on fewer than six it swings."""
-        return self.m >= _POSE
+        return self.m >= DIRECTIONS
 
     @property
     def up(self) -> Array:

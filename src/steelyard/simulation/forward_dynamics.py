@@ -25,7 +25,7 @@ from steelyard.batch import Batched, Symbol
 from steelyard.dynamics import newton_euler, point_velocity
 from steelyard.errors import InfeasibleError, InputError
 from steelyard.inertia import Inertia
-from steelyard.motion.limits import commanded_tensions, nearest_tensions
+from steelyard.motion.limits import winch_tensions
 from steelyard.motion.state import State, motion_of_poses
 from steelyard.motion.trajectory import RestToRest, Trajectory
 from steelyard.robot import cable
@@ -350,10 +350,8 @@ def feed_lengths(
         times: [s], shape (n,).
         level: Tension that it stays near to [N]; None: the smallest tensions that do.
     """
-    if robot.holds_any_pose:
-        tension = commanded_tensions(robot, trajectory, times, still=True, level=level)
-    else:
-        tension = nearest_tensions(robot, trajectory, times)
+    still = robot.holds_any_pose
+    tension = winch_tensions(robot, trajectory, times, still=still, level=level)
     pose = trajectory.derivative(times, 0)
     rotation = Rotation.from_euler("ZYX", pose[:, :2:-1]).as_matrix()
     try:

@@ -16,12 +16,7 @@ from steelyard.errors import InfeasibleError, InputError
 from steelyard.experiment.streams.place import StreamPlace
 from steelyard.experiment.streams.read_stream import read_stream
 from steelyard.instruments import Command
-from steelyard.motion.limits import (
-    check_times,
-    commanded_tensions,
-    motion_extremes,
-    nearest_tensions,
-)
+from steelyard.motion.limits import check_times, motion_extremes, winch_tensions
 from steelyard.motion.trajectory import Repeated, RestToRest, Sampled, Trajectory, multisine
 from steelyard.robot.model import Robot
 
@@ -131,7 +126,7 @@ def trajectories(
                 f" found {extremes.worst}; choose a longer --duration or another trajectory"
             )
         if robot.m and robot.platform:
-            _tensions(robot, trajectory, check_times(trajectory))
+            winch_tensions(robot, trajectory, check_times(trajectory))
     return runs
 
 
@@ -200,8 +195,8 @@ def feasible_multisine(
             return trajectory
         try:
             times = check_times(trajectory)
-            moving = _tensions(careful, trajectory, times)
-            at_rest = _tensions(careful, trajectory, times, still=True)
+            moving = winch_tensions(careful, trajectory, times)
+            at_rest = winch_tensions(careful, trajectory, times, still=True)
             tensions = np.concatenate([moving, at_rest])
         except InfeasibleError:
             continue
@@ -215,12 +210,6 @@ def feasible_multisine(
         f"robot '{robot.name}': expected a pose in the middle of its limits that its cables can"
         " hold, found none; check 'limits', 'tension' and 'platform' in the robot file"
     )
-
-
-def _tensions(robot: Robot, trajectory: Trajectory, times: Array, *, still: bool = False) -> Array:
-    """See :func:`.commanded_tensions`, and :func:`.nearest_tensions` of fewer than six cables."""
-    ask = commanded_tensions if robot.holds_any_pose else nearest_tensions
-    return ask(robot, trajectory, times, still=still)
 
 
 def _largest(

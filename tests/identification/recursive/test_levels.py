@@ -9,6 +9,7 @@ from steelyard.identification.model.motion_segment import PARTS, Segment, jerk_m
 from steelyard.identification.model.segment import POSE, NormalEquations
 from steelyard.identification.recursive.window.grid import KnotGrid
 from steelyard.identification.recursive.window.levels import Liveliness
+from steelyard.identification.recursive.window.past import dense
 from steelyard.smoothing import DEGREE
 
 BLOCK = POSE
@@ -16,14 +17,6 @@ GRID = KnotGrid(0.0, 0.1, 8, BLOCK)
 COUNT = 12  # chunks of a motion
 LOOSER = 30.0
 LOOSE = dict.fromkeys(PARTS, LOOSER)
-
-
-def dense(band):
-    found = np.zeros((band.shape[1],) * 2)
-    for d in range(len(band)):
-        own = band[d, : band.shape[1] - d]
-        found += np.diag(own, -d) + (np.diag(own, d) if d else 0)
-    return found
 
 
 WHOLE = {part: dense(band) for part, band in jerk_matrices(GRID.knots(0, COUNT), BLOCK).items()}

@@ -439,6 +439,18 @@ def test_a_platform_that_begins_to_vibrate_is_followed_on_finer_knots():
     assert found.standard_deviation == pytest.approx(whole.standard_deviation, rel=0.1)
 
 
+@pytest.mark.integration
+def test_a_motion_that_finer_knots_lose_goes_on_upon_those_that_there_are(monkeypatch):
+    def lost(*_):
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr("steelyard.identification.recursive.events.on_finer_knots", lost)
+    passed = list(follow(centred(vibrating(11.0)(5))))
+    assert len({each.window.grid.spacing for each in passed[:-1]}) == 1
+    assert passed[-1].coarse_until > 11.0
+    assert passed[-1].instants[-1].time > 12.0
+
+
 def test_a_motion_and_what_is_known_of_it_are_the_same_on_finer_knots():
     rng = np.random.default_rng(4)
     block, border, intervals = 7, 3, 11

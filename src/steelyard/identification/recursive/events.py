@@ -1,8 +1,11 @@
-"""What happens while a motion is followed: another load, something that touches the platform."""
+"""What happens while a motion is followed: another load, something that touches the platform, a
+platform that begins to vibrate.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Final
 
@@ -11,7 +14,7 @@ import numpy as np
 from steelyard.estimates.quantiles import chi2_exceeded, chi2_tail
 from steelyard.experiment.recording import Run
 from steelyard.identification.recursive.changes import FREEDOM, Cause, Change, changes
-from steelyard.identification.recursive.following import Event, Following
+from steelyard.identification.recursive.following import LOST, Event, Following
 from steelyard.identification.recursive.new_load import (
     opened,
     restarted,
@@ -19,6 +22,8 @@ from steelyard.identification.recursive.new_load import (
     with_columns,
     with_further_load,
 )
+from steelyard.identification.recursive.settling import beyond_noise
+from steelyard.identification.recursive.window.finer import on_finer_knots
 
 _OTHERS: Final[tuple[Cause, ...]] = ("contact", "sensor")
 """What may look like another load."""
@@ -53,8 +58,53 @@ def followed_on(following: Following, run: Run) -> Following:
         InfeasibleError: It is where cables cannot be.
     """
     found = following.arrived(run)
+    if not following.is_beginning:
+        found = _followed_closely(following, found, run)
     # What the beginning knows of the body is not known from chunks yet.
     return (found if found.is_beginning else _asked(found)).noted()
+
+
+def _followed_closely(before: Following, found: Following, run: Run) -> Following:
+    """With the last chunk on finer knots, where these take most of what it leaves of the readings beyond
+    their noise: the platform has begun to vibrate.
+
+    Args:
+        before: Without the chunk.
+        found: With it, on the knots that there are.
+        run: With what has arrived.
+    """
+    settings, grid = before.recursion.settings, before.window.grid
+    start, _ = grid.span(before.number)
+    most = int(grid.length / before.closest)
+    best, least = found, beyond_noise(found.recursion)
+    if start < before.coarse_until or least < settings.vibrates or most <= grid.intervals:
+        return found
+    # What cannot be followed on finer knots has been followed on these.
+    with suppress(*LOST):
+        for finer in _on_finer_knots(before, most):
+            there = finer.arrived(run)
+            left = beyond_noise(there.recursion)
+            if left < settings.followed * least:
+                best, least = there, left
+    return replace(found, coarse_until=start + settings.begin) if best is found else best
+
+
+def _on_finer_knots(found: Following, most: int) -> Iterator[Following]:
+    """The same with all chunks of the window passed, on knots twice as close, again twice, and so on.
+
+    Args:
+        found: With knots that are further apart.
+        most: Intervals of a chunk, at most.
+    """
+    while found.window.chunks:
+        found = found.passed()
+    if found.window.past is None:
+        return
+    intervals = found.window.grid.intervals
+    while intervals < most:
+        intervals = min(2 * intervals, most)
+        window = on_finer_knots(found.window, intervals)
+        yield replace(found, recursion=replace(found.recursion, window=window))
 
 
 def _asked(found: Following) -> Following:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -14,7 +14,6 @@ from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.motion_segment import Segment
-from steelyard.identification.model.segment import basis, values_at
 from steelyard.identification.recursive.arrivals import Likeness, once_moving, within
 from steelyard.identification.recursive.new_load import FIRST
 from steelyard.identification.recursive.parts import (
@@ -26,10 +25,9 @@ from steelyard.identification.recursive.parts import (
 )
 from steelyard.identification.recursive.passing import passed
 from steelyard.identification.recursive.recursion import Recursion
-from steelyard.identification.recursive.settling import arrived, beyond_noise
+from steelyard.identification.recursive.settling import arrived
 from steelyard.identification.recursive.spikes import forces_alone, motion_alone_in_words
-from steelyard.identification.recursive.window.finer import on_finer_knots
-from steelyard.identification.recursive.window.grid import KnotGrid
+from steelyard.identification.recursive.window.grid import KnotGrid, coefficients_on
 from steelyard.identification.recursive.window.walk import as_in_the_end, by_mass
 from steelyard.identification.recursive.window.window import Window
 from steelyard.identification.samples.preparation import Samples
@@ -44,14 +42,11 @@ from steelyard.identification.solve.long_recording import span_of
 from steelyard.identification.solve.noise_levels import ratios_of
 from steelyard.identification.solve.posterior import Posterior, prior_of
 from steelyard.inertia import Inertia, body_jacobian
-from steelyard.smoothing import DEGREE
 
 LOST = (InfeasibleError, np.linalg.LinAlgError)
 """Errors of a motion that cannot be followed."""
 _KEPT = 1.25
 """How many parts are kept before the oldest are summed up, in those that stay."""
-_DENSE = 6
-"""Instants between two knots at which a motion is taken over to other knots."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,47 +170,8 @@ class Following:
         readings, forces = within(
             self.experiment, run, self.like, self.recursion.state.calibration, span
         )
-
-        def further(found: Following) -> Following:
-            recursion = arrived(found.recursion, readings, forces, found._motion(found.number))
-            return replace(found, recursion=recursion, number=found.number + 1)
-
-        found = further(self)
-        if self.is_beginning or span[0] < self.coarse_until:
-            return found
-        return self._followed_closely(found, further)
-
-    def _followed_closely(
-        self, found: Following, further: Callable[[Following], Following]
-    ) -> Following:
-        """With a chunk on finer knots, where these take most of what it leaves of the readings beyond
-        their noise: it has begun to vibrate.
-
-        Args:
-            found: With the chunk on the knots that there are.
-            further: Takes the chunk.
-        """
-        settings, grid = self.recursion.settings, self.window.grid
-        best, least = found, beyond_noise(found.recursion)
-        own, most = grid.intervals, int(grid.length / self.closest)
-        if least < settings.vibrates or most <= own:
-            return found
-        passed = self
-        while passed.window.chunks:
-            passed = passed.passed()
-        if passed.window.past is None:
-            return found
-        doubled = [own << i for i in range(1, most.bit_length()) if own << i < most]
-        for intervals in (*doubled, most):
-            window = on_finer_knots(passed.window, intervals)
-            finer = further(replace(passed, recursion=replace(passed.recursion, window=window)))
-            left = beyond_noise(finer.recursion)
-            if left < settings.followed * least:
-                best, least = finer, left
-        if best is not found:
-            return best
-        start, _ = grid.span(self.number)
-        return replace(found, coarse_until=start + settings.begin)
+        recursion = arrived(self.recursion, readings, forces, self._motion(self.number))
+        return replace(self, recursion=recursion, number=self.number + 1)
 
     def noted(self) -> Following:
         """With what is known after the last chunk."""
@@ -321,7 +277,7 @@ class Following:
             self,
             samples=samples,
             recursion=replace(self.recursion, state=state),
-            closest=min(each.closest for each in readings.records),
+            closest=readings.records[-1].closest,
         )
         return at_beginning(resumed, Likeness(like, forces))
 
@@ -406,7 +362,9 @@ def at_beginning(found: Following, like: Likeness) -> Following:
     grid = KnotGrid(start, spacing, intervals, segment.block)
     last = found.instants[-1].time if found.instants else start
     recursion = found.recursion.started(Window(grid, segment), start - last)
-    return replace(found, like=like, recursion=recursion, first=_on_grid(segment, grid), number=0)
+    return replace(
+        found, like=like, recursion=recursion, first=coefficients_on(grid, segment), number=0
+    )
 
 
 def _forgotten(experiment: Experiment) -> Experiment:
@@ -431,22 +389,6 @@ def _of_walk(walk: float) -> Iterator[str]:
             f"the mass walks at random by {walk:g} kg/sqrt(s), as stated: it is that at the end; what"
             " comes and goes is taken to be at the centre of gravity"
         )
-
-
-def _on_grid(segment: Segment, grid: KnotGrid) -> Array:
-    """Coefficients of a segment on a grid, of the chunks that it covers, shape (f, block)."""
-    count = int((segment.span[1] - grid.start) // grid.length)
-    if not count:
-        return np.zeros((0, segment.block))
-    knots = grid.knots(0, count)
-    end = grid.start + count * grid.length
-    times = np.linspace(grid.start, end, _DENSE * count * grid.intervals + 1)
-    local = basis(knots, times)
-    matrix = np.zeros((len(times), len(knots) - DEGREE - 1))
-    np.put_along_axis(matrix, local.first[:, None] + np.arange(DEGREE + 1), local.values[0], axis=1)
-    values = values_at(segment.basis(times), segment.coefficients)
-    coefficients, *_ = np.linalg.lstsq(matrix, values, rcond=None)
-    return np.asarray(coefficients)
 
 
 def silent(what: str, fraction: float) -> None:

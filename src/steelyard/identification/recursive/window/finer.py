@@ -14,7 +14,7 @@ from scipy.interpolate import BSpline
 
 from steelyard.arrays import Array
 from steelyard.identification.recursive.window.grid import KnotGrid
-from steelyard.identification.recursive.window.past import Linear, Point, dense
+from steelyard.identification.recursive.window.past import Linear, Point, banded, dense
 from steelyard.identification.recursive.window.window import Window
 from steelyard.smoothing import DEGREE
 
@@ -58,13 +58,9 @@ def _told_by(past: Linear, change: Array, block: int) -> Linear:
         block: Coefficients of one function.
     """
     own, back = past.equations, np.kron(np.linalg.inv(change), np.eye(block))
-    matrix = back.T @ dense(own.band) @ back
-    band, size = np.zeros_like(own.band), len(matrix)
-    for d in range(min(len(band), size)):
-        band[d, : size - d] = np.diagonal(matrix, -d)
     equations = replace(
         own,
-        band=band,
+        band=banded(back.T @ dense(own.band) @ back, len(own.band)),
         side=back.T @ own.side,
         motion_gradient=back.T @ own.motion_gradient,
         parts={},

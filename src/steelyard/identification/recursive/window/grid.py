@@ -8,9 +8,13 @@ from functools import cached_property
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.identification.model.motion_segment import jerk_matrices
+from steelyard.identification.model.motion_segment import Segment, jerk_matrices
 from steelyard.identification.model.processes import SplineIntegrals, ends_of, integrals_of
+from steelyard.identification.model.segment import basis, values_at
 from steelyard.smoothing import DEGREE
+
+_DENSE = 6
+"""Instants between two knots at which a motion is taken over to other knots."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,3 +73,19 @@ class KnotGrid:
     def ends(self) -> tuple[Array, Array]:
         """See :func:`.ends_of`, of a chunk."""
         return ends_of(self.knots(0))
+
+
+def coefficients_on(grid: KnotGrid, segment: Segment) -> Array:
+    """Coefficients of a segment on a grid, of the chunks that it covers, shape (f, block)."""
+    count = int((segment.span[1] - grid.start) // grid.length)
+    if not count:
+        return np.zeros((0, segment.block))
+    knots = grid.knots(0, count)
+    end = grid.start + count * grid.length
+    times = np.linspace(grid.start, end, _DENSE * count * grid.intervals + 1)
+    local = basis(knots, times)
+    matrix = np.zeros((len(times), len(knots) - DEGREE - 1))
+    np.put_along_axis(matrix, local.first[:, None] + np.arange(DEGREE + 1), local.values[0], axis=1)
+    values = values_at(segment.basis(times), segment.coefficients)
+    coefficients, *_ = np.linalg.lstsq(matrix, values, rcond=None)
+    return np.asarray(coefficients)

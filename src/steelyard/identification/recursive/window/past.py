@@ -195,11 +195,8 @@ def eliminated(equations: NormalEquations, kept: int) -> NormalEquations:
     left = right.T @ solved
     last = slice(rest, -1)
     whole = matrix[gone:, gone:] - left[:rest, :rest]
-    band = np.zeros((width, rest))
-    row, column = _lower(min(width, rest), rest)
-    band[row - column, column] = whole[row, column]
     return NormalEquations(
-        band,
+        banded(whole, width),
         equations.side[gone:] - left[:rest, last],
         equations.corner - left[last, last],
         equations.motion_gradient[gone:] - left[:rest, -1],
@@ -232,6 +229,20 @@ def dense(band: Array) -> Array:
     matrix = np.zeros((size, size))
     matrix[row, column] = matrix[column, row] = band[row - column, column]
     return matrix
+
+
+def banded(matrix: Array, width: int) -> Array:
+    """A symmetric matrix in lower banded form, shape (w, N); the inverse of :func:`dense`.
+
+    Args:
+        matrix: Shape (N, N), zero beyond the band.
+        width: Rows of the band w.
+    """
+    size = len(matrix)
+    row, column = _lower(min(width, size), size)
+    band = np.zeros((width, size))
+    band[row - column, column] = matrix[row, column]
+    return band
 
 
 @lru_cache(maxsize=16)
