@@ -204,7 +204,7 @@ class Session:
         try:
             following = following.relieved().summed(self.settings.parts)
         except LOST:
-            return found._lost(before)
+            return found._ended(before, before.lost())
         found = replace(found, following=following)
         now = following.instants[-1].time
         if following.is_beginning or now - self.judged < self.settings.judged:
@@ -213,12 +213,16 @@ class Session:
         estimate = _estimate(following.ended_before(), courses=False)
         return replace(found, judged=now, estimate=estimate)
 
-    def _lost(self, before: Following) -> Session:
-        """With the motion ended before a chunk that cannot be followed: it is followed again once
-        forces and motion are there.
+    def _ended(self, before: Following, ended: Following) -> Session:
+        """With the motion ended before a chunk that tells nothing: it is followed again once forces and
+        motion are there.
+
+        Args:
+            before: Without that chunk.
+            ended: The same, ended.
         """
         _, end = before.window.grid.span(before.number)
-        return replace(self, following=before.ended(), paused=end)
+        return replace(self, following=ended, paused=end)
 
     def _further(self) -> tuple[Session, list[Record]]:
         """With the next chunk."""
@@ -228,8 +232,10 @@ class Session:
             return found, []
         try:
             following = followed_on(before, found.run)
-        except (UnreadError, *LOST):
-            return found._lost(before), []
+        except UnreadError:
+            return found._ended(before, before.ended()), []
+        except LOST:
+            return found._ended(before, before.lost()), []
         found = replace(found, following=following, before=before)
         if following.is_beginning:
             return found, []

@@ -148,3 +148,22 @@ def test_readings_beside_those_of_a_balance_are_asked_as_they_are():
     balances = [balance_of(by_motion, balance, shares)]
     found = Deletion.of(loose(), [], balances, beside=beside).alone(LEVEL)
     assert np.argwhere(found.single).tolist() == [[9, 5]]
+
+
+def test_a_quantity_that_has_jumped_is_off_the_motion_that_all_others_show():
+    rng = np.random.default_rng(12)
+    quantities = [read(rng, 40) for _ in range(3)]
+    asked = Deletion.of(loose(), [rows_of(J, r) for J, r in quantities], ())
+    assert not asked.jumped(LEVEL).any()
+    # Most of it, so that it bends the motion and others stand far from it.
+    J, r = quantities[1]
+    quantities[1] = J, r + np.where(np.arange(40) < 30, 300.0, 0.0)
+    asked = Deletion.of(loose(), [rows_of(J, r) for J, r in quantities], ())
+    assert np.flatnonzero(asked.jumped(LEVEL)).tolist() == list(range(40, 70))
+    # Of two that have jumped, or a motion that no other shows, nobody can tell.
+    J, r = quantities[2]
+    quantities[2] = J, r + 200.0 * rng.normal(size=40)
+    asked = Deletion.of(loose(), [rows_of(J, r) for J, r in quantities], ())
+    assert not asked.jumped(LEVEL).any()
+    asked = Deletion.of(loose(), [rows_of(*quantities[1])], ())
+    assert not asked.jumped(LEVEL).any()

@@ -11,7 +11,9 @@ from steelyard.experiment.read import read_experiment
 from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.model.balance import Forces
+from steelyard.identification.recursive import events
 from steelyard.identification.recursive.follow import follow
+from steelyard.identification.recursive.following import NotFollowedError
 from steelyard.identification.recursive.spikes import few_or_none, left_out_of, usual
 from steelyard.identification.solve.settings import FIT
 
@@ -212,3 +214,46 @@ def test_a_payload_is_noticed_among_spikes():
     assert event.kind == "load"
     assert event.time == pytest.approx(6.8, abs=0.3)
     assert abs(event.mass - 3.2) < 4 * event.sigma
+
+
+def jumped(experiment, *spans, by=(0.02, -0.015, 0.018)):
+    """A tracker that has been off for some tenths of a second."""
+    (run,) = experiment.runs
+    stream = run.streams["tracker"]
+    values = stream.values["position"].copy()
+    time = experiment.common_time(run, "tracker")
+    for start, end in spans:
+        values[(time > start) & (time < end)] += by
+    stream = replace(stream, values={**stream.values, "position": values})
+    return replace(experiment, runs=(replace(run, streams={**run.streams, "tracker": stream}),))
+
+
+@pytest.mark.integration
+def test_a_tracker_that_jumps_is_left_out_for_as_long(points, sound):
+    # Across the end of a chunk, longer than one, and while the beginning is fitted.
+    *_, last = follow(jumped(points, (2.1, 2.4), (7.1, 7.35), (9.0, 9.6)))
+    assert not last.events
+    assert not last.recursion.unsettled
+    assert last.unfollowed == 0.0
+    assert {quantity for _, (_, quantity) in last.recursion.alone} == {"position"}
+    assert farthest(last, sound) < 1.0
+
+
+@pytest.mark.integration
+def test_a_motion_that_cannot_be_followed_ends_and_begins_again(points, monkeypatch):
+    real, lost = events.arrived_closely, []
+
+    def once_lost(before, run):
+        start, _ = before.window.grid.span(before.number)
+        if start > 7.0 and not lost:
+            lost.append(start)
+            raise NotFollowedError("as if")
+        return real(before, run)
+
+    monkeypatch.setattr(events, "arrived_closely", once_lost)
+    *_, last = follow(points)
+    assert last.unfollowed == pytest.approx(0.4, abs=0.1)
+    posterior = last.posterior
+    estimate = drawn(Recursive().of, posterior)
+    assert np.isfinite(estimate.value).all()
+    assert "where the motion could not be followed" in " ".join(estimate.notes)

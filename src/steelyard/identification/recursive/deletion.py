@@ -23,6 +23,10 @@ from steelyard.smoothing import NORMAL_MEDIAN
 _TURNS = 120
 """At most, of leaving out and of giving back: a chunk has some dozens of readings that stand alone, or
 there is something else."""
+_AGREES = 1.5
+"""Median of what is left of a quantity, in that of its noise, up to which it agrees with a motion."""
+_FEW = 0.1
+"""Part of its numbers that may still be far then."""
 _MOST = 0.6
 """Part of the samples of the forces beyond which what is off in them is no spike."""
 
@@ -186,6 +190,46 @@ class Deletion:
             # Another load, or a hand: no reading of these is wrong.
             return Alone(found.motion, nothing.single)
         return found
+
+    def jumped(self, level: float) -> Mask:
+        """Numbers of the one quantity that has jumped: all others agree without them, and these are far
+        off the motion that the others show; shape (m,), none where that is true of no quantity.
+
+        Args:
+            level: Distance from which on a number is far, in 1-sigma.
+
+        Raises:
+            numpy.linalg.LinAlgError: The motion is not determined.
+        """
+        none = np.zeros(self.shares.shape[::2], dtype=bool)
+        best, least = np.zeros(len(self.residual), dtype=bool), np.inf
+        for part in np.unique(self.part):
+            off, _ = self.off(Alone(self.part == part, none))
+            far = np.isfinite(off) & (off > level)
+            if not far.any():
+                continue
+            step, _, _ = self._solved(Alone(far, none))
+            left = np.where(far, 0.0, self.residual + self.by_motion @ step)
+            cost = float(left @ left)
+            if cost < least and self._agree(left, ~far, level):
+                best, least = far, cost
+        return best
+
+    def _agree(self, left: Array, kept: Mask, level: float) -> bool:
+        """Whether numbers are as near to a motion as noise lets them be.
+
+        Args:
+            left: Their residuals, shape (m,).
+            kept: Those that count, shape (m,).
+            level: Distance from which on a number is far, in 1-sigma.
+        """
+        counts = kept & self.by_motion.any(axis=1)
+        off = np.abs(left)
+        return all(
+            median(off[own]) <= _AGREES * NORMAL_MEDIAN and np.mean(off[own] > level) <= _FEW
+            for own in (counts & (self.part == part) for part in np.unique(self.part))
+            if own.any()
+        )
 
     def _solved(self, without: Alone) -> tuple[Array, Array, Array]:
         """Step and covariance of the coefficients without some readings, and what is left of the

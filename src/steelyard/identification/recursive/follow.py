@@ -253,19 +253,23 @@ def follow(
             found = found.resumed(run, _beginning_of(found, run))
         _, end = span_of(experiment, run)
         while found.window.grid.span(found.number)[0] < end:
-            when, until = found.window.grid.span(found.number)
+            span = found.window.grid.span(found.number)
             try:
                 found = advanced(found, run)
             except UnreadError:
-                later = _gone_on(found, run, (when, until))
+                later = _gone_on(found.ended(), run, span, "not all instruments read")
                 if later is None:
                     break
                 found = later
             except LOST as error:
-                raise NoBalanceError(
-                    f"run '{run.name}': the motion was lost at {when:.1f} s, where what was read does"
-                    " not go on from before; use maximum-likelihood, which takes a recording as a whole"
-                ) from error
+                later = _gone_on(found.lost(), run, span, "the motion could not be followed")
+                if later is None:
+                    raise NoBalanceError(
+                        f"run '{run.name}': the motion was lost at {span[0]:.1f} s, where what was read"
+                        " does not go on from before; use maximum-likelihood, which takes a recording"
+                        " as a whole"
+                    ) from error
+                found = later
             done = found.window.grid.span(found.number)[0] / max(end, 1e-9)
             tell(f"following {run.name}", 0.4 + 0.5 * (i + min(1.0, done)) / len(moving))
             yield found
@@ -273,27 +277,27 @@ def follow(
     yield found
 
 
-def _gone_on(found: Following, run: Run, unread: tuple[float, float]) -> Following | None:
+def _gone_on(ended: Following, run: Run, untold: tuple[float, float], why: str) -> Following | None:
     """The motion again from where all instruments that read again do; None: it ends where they no
     longer read.
 
     Args:
-        found: Up to there.
+        ended: Up to there.
         run: With all of its readings.
-        unread: Beginning and end of the chunk that was not read [s].
+        untold: Beginning and end of the chunk that tells nothing [s].
+        why: Nothing is told of it.
     """
-    experiment, (last, since) = found.experiment, unread
-    ended = found.ended()
+    experiment, (last, since) = ended.experiment, untold
     while (later := _since(experiment, run, since)) is not None:
         start, end = span_of(experiment, later)
         try:
             resumed = ended.resumed(later)
         except (InputError, NoBalanceError, np.linalg.LinAlgError):
-            since = start + found.recursion.settings.begin
+            since = start + ended.recursion.settings.begin
             if since >= end:
                 break
             continue
-        note = f"run '{run.name}': nothing is told of {last:.1f} to {start:.1f} s, where not all instruments read"
+        note = f"run '{run.name}': nothing is told of {last:.1f} to {start:.1f} s, where {why}"
         begun = replace(resumed.begun, lost=(*resumed.begun.lost, note))
         return replace(resumed, begun=begun)
     return None

@@ -43,8 +43,15 @@ from steelyard.identification.solve.noise_levels import ratios_of
 from steelyard.identification.solve.posterior import Posterior, prior_of
 from steelyard.inertia import Inertia, body_jacobian
 
-LOST = (InfeasibleError, np.linalg.LinAlgError)
+
+class NotFollowedError(Exception):
+    """A chunk of a motion did not settle, on no knots: what was read does not go on from before."""
+
+
+LOST = (InfeasibleError, np.linalg.LinAlgError, NotFollowedError)
 """Errors of a motion that cannot be followed."""
+_MOST_UNFOLLOWED = 0.1
+"""Part of the time that cannot be followed, up to which what is known of the rest has arrived."""
 _KEPT = 1.25
 """How many parts are kept before the oldest are summed up, in those that stay."""
 
@@ -131,6 +138,10 @@ class Following:
     """Between knots, as the motion's instruments resolve it [s]."""
     coarse_until: float = -np.inf
     """Until when finer knots need not be tried again, which have not helped [s]."""
+    followed: float = 0.0
+    """Length of all chunks so far [s]."""
+    unfollowed: float = 0.0
+    """Length of those that could not be followed [s]."""
 
     @property
     def window(self) -> Window:
@@ -166,12 +177,21 @@ class Following:
             numpy.linalg.LinAlgError: The motion is not determined.
             InfeasibleError: It is where cables cannot be.
         """
-        span = self.window.grid.span(self.number)
+        grid = self.window.grid
         readings, forces = within(
-            self.experiment, run, self.like, self.recursion.state.calibration, span
+            self.experiment,
+            run,
+            self.like,
+            self.recursion.state.calibration,
+            grid.span(self.number),
         )
         recursion = arrived(self.recursion, readings, forces, self._motion(self.number))
-        return replace(self, recursion=recursion, number=self.number + 1)
+        followed = self.followed + grid.length
+        return replace(self, recursion=recursion, number=self.number + 1, followed=followed)
+
+    def lost(self) -> Following:
+        """With the motion ended before a chunk that cannot be followed."""
+        return replace(self.ended(), unfollowed=self.unfollowed + self.window.grid.length)
 
     def noted(self) -> Following:
         """With what is known after the last chunk."""
@@ -306,7 +326,9 @@ class Following:
             tally=tally,
             ratios=ratios_of(recursion.task, spent, tally),
             turns=len(self.parts),
-            converged=fitted.fit.converged and not recursion.unsettled,
+            converged=fitted.fit.converged
+            and not recursion.unsettled
+            and self.unfollowed <= _MOST_UNFOLLOWED * (self.followed + self.unfollowed),
         )
         forces = tuple(part.force_samples for part in parts)
         alone, force = recursion.alone, self.like.forces.name

@@ -72,8 +72,10 @@ def foreseen_without_spikes(
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
     """
-    here, wide = recursion, _wide(recursion.state, segment, forces)
-    level, alone = recursion.task.settings.alone, list[Mask]()
+    wide, level = _wide(recursion.state, segment, forces), recursion.task.settings.alone
+    here, jumped = _without_jump(recursion, segment, forces, wide)
+    whole, segment = segment, without_readings(segment, jumped)
+    alone = list[Mask]()
     for _ in range(_TURNS):
         rows = _of_motion(here, segment, wide)
         asked = Deletion.of(_foreknown(here, segment, forces, rows), _read(rows), ())
@@ -92,12 +94,42 @@ def foreseen_without_spikes(
             break
     none = np.zeros(len(forces.time), dtype=bool)
     kept = left_out_of(forces, single, none, recursion.task.settings)
-    if kept is forces and not any(bool(each.any()) for each in alone):
+    if segment is whole and kept is forces and not any(bool(each.any()) for each in alone):
         return None
     if len(forces.time):
         _, rows = _of_all(here, segment, kept, wide)
         here, _ = _followed(here, segment, kept, _without(rows, alone))
     return here, without_readings(segment, alone), kept
+
+
+def _without_jump(
+    recursion: Recursion, segment: Segment, forces: Forces, wide: FitState
+) -> tuple[Recursion, list[Mask]]:
+    """The motion without what has been read while an instrument had jumped, and those numbers, of each
+    of the readings of a chunk, shape (n, k) each.
+
+    Args:
+        recursion: As of :func:`foreseen`.
+        segment: The chunk.
+        forces: Within it.
+        wide: State in which no reading stands far.
+
+    Raises:
+        numpy.linalg.LinAlgError: The motion is not determined.
+    """
+    here, level = recursion, recursion.task.settings.alone
+    jumped = list[Mask]()
+    for _ in range(_TURNS):
+        rows = _of_motion(here, segment, wide)
+        read = _read(rows)
+        asked = Deletion.of(_foreknown(here, segment, forces, rows), read, ())
+        jumped = _in_parts(asked.jumped(level), read)
+        if not any(bool(each.any()) for each in jumped):
+            return recursion, jumped
+        # What an instrument has read at one time has jumped as a whole.
+        jumped = [np.broadcast_to(each.any(axis=1, keepdims=True), each.shape) for each in jumped]
+        here, _ = _followed(here, segment, forces, _without(rows, jumped))
+    return here, jumped
 
 
 def _apart(forces: Forces, other: Forces) -> Array:
@@ -113,10 +145,14 @@ def _few(alone: Mask, rows: Sequence[Rows]) -> list[Mask]:
         alone: Of all of them, number by number.
         rows: Of the motion's instruments.
     """
+    return [few_or_none(each) for each in _in_parts(alone, rows)]
+
+
+def _in_parts(numbers: Mask, rows: Sequence[Rows]) -> list[Mask]:
+    """What is said of all numbers of some rows, of each of these, shape (n, k) each."""
     # Behind the last of them nothing is left.
-    *parts, _ = np.split(alone, np.cumsum([int(each.residual.size) for each in rows]).astype(int))
-    every = [own.reshape(each.residual.shape) for own, each in zip(parts, rows, strict=True)]
-    return [few_or_none(each) for each in every]
+    *parts, _ = np.split(numbers, np.cumsum([int(each.residual.size) for each in rows]).astype(int))
+    return [own.reshape(each.residual.shape) for own, each in zip(parts, rows, strict=True)]
 
 
 def _read(rows: Sequence[Rows]) -> list[Rows]:

@@ -195,7 +195,8 @@ def motion_alone_in_words(alone: Mapping[tuple[str, Source], int], force: str) -
 
 def far_from(segment: Segment, rows: Sequence[Rows], settings: FitSettings) -> list[Mask]:
     """Numbers of the motion instruments that stand far from a motion that is known, of each of the
-    readings of a chunk, shape (n, k) each; none of a quantity of which many do.
+    readings of a chunk, shape (n, k) each; where many of one quantity do and those of all others are
+    near, it has jumped, else none of that quantity.
 
     Args:
         segment: The chunk.
@@ -203,8 +204,13 @@ def far_from(segment: Segment, rows: Sequence[Rows], settings: FitSettings) -> l
         settings: With what is far.
     """
     # Those of the motion instruments are the first, in the order of the readings.
-    far = (np.abs(each.residual) > settings.lost for each in rows[: len(segment.readings)])
-    return [few_or_none(each) for each in far]
+    far = [np.abs(each.residual) > settings.lost for each in rows[: len(segment.readings)]]
+    few = [few_or_none(each) for each in far]
+    many = [i for i, each in enumerate(far) if each.any() and not few[i].any()]
+    if len(many) == 1 and len(far) > 1:
+        (jumped,) = many
+        few[jumped] = far[jumped]
+    return few
 
 
 def few_or_none(far: Mask) -> Mask:
