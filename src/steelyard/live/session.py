@@ -17,7 +17,8 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.recursive import Recursive
-from steelyard.identification.recursive.arrivals import UnreadError, first_after
+from steelyard.identification.recursive.arriving.arrivals import UnreadError, first_after
+from steelyard.identification.recursive.concluding import posterior_of
 from steelyard.identification.recursive.events import advanced, followed_on
 from steelyard.identification.recursive.follow import begin
 from steelyard.identification.recursive.following import LOST, Event, Following
@@ -278,7 +279,7 @@ class Session:
 def _estimate(following: Following, *, courses: bool = True) -> Estimate:
     """From all that was seen; without the courses of the motions where only the verdict counts."""
     try:
-        return drawn(Recursive().of, following.concluded(courses=courses))
+        return drawn(Recursive().of, posterior_of(following, courses=courses))
     except (NoBalanceError, np.linalg.LinAlgError) as error:
         return no_estimate(Recursive.name, str(error))
 

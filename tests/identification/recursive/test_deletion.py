@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from steelyard.identification.model.segment import Rows
-from steelyard.identification.recursive.deletion import Alone, Deletion, Foreknown
+from steelyard.identification.recursive.arriving.deletion import Alone, Deletion, Foreknown
 
 LEVEL = 5.0
 SIZE = 6

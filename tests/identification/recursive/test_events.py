@@ -11,6 +11,7 @@ from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.recursive.changes import FREEDOM, changes
+from steelyard.identification.recursive.concluding import posterior_of
 from steelyard.identification.recursive.follow import follow
 from steelyard.inertia import Inertia
 
@@ -38,7 +39,7 @@ def test_a_payload_is_found_when_and_as_it_is(followed):
 
 
 def test_both_loads_are_what_the_recording_cut_in_two_tells(followed):
-    found = drawn(Recursive().of, followed.posterior)
+    found = drawn(Recursive().of, posterior_of(followed))
     whole = loaded(3, since=6.8)
     (run,) = whole.runs
     parts = [

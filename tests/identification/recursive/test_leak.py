@@ -11,6 +11,7 @@ from steelyard.identification.chosen_methods import default_methods
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.recursive import Recursive
+from steelyard.identification.recursive.concluding import posterior_of
 from steelyard.identification.recursive.follow import follow
 from steelyard.identification.recursive.outlook import seconds_until
 from steelyard.identification.recursive.window.grid import KnotGrid
@@ -147,7 +148,7 @@ def test_a_payload_is_found_beside_a_walk():
     (event,) = last.events
     assert event.time == pytest.approx(6.8, abs=0.3)
     assert abs(event.mass - 3.2) < 4 * event.sigma
-    found = drawn(Recursive().of, last.posterior)
+    found = drawn(Recursive().of, posterior_of(last))
     assert found.verdict.accepted, found.verdict.reasons
     gained = found.loads.differences["load 2 - load 1"]
     assert abs(gained.value[0] - 3.2) < 4 * gained.standard_deviation[0]

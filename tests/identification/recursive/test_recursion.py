@@ -15,6 +15,7 @@ from steelyard.identification.identify import identify
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import integrals_of
 from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations, Rows, accumulate
+from steelyard.identification.recursive.concluding import posterior_of
 from steelyard.identification.recursive.events import advanced, followed_on
 from steelyard.identification.recursive.follow import begin, follow
 from steelyard.identification.recursive.following import Instant
@@ -322,7 +323,7 @@ def test_parts_that_are_summed_up_tell_the_same(points):
     few = found.summed(4)
     assert len(few.parts) == 5
     # For a verdict nobody draws the course of the motion.
-    posterior, judged = found.posterior, few.concluded(courses=False)
+    posterior, judged = posterior_of(found), posterior_of(few, courses=False)
     assert posterior.motion
     assert not judged.motion
     one, other = posterior.solution, judged.solution

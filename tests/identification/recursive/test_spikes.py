@@ -11,10 +11,11 @@ from steelyard.experiment.read import read_experiment
 from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.model.balance import Forces
-from steelyard.identification.recursive import events
+from steelyard.identification.recursive.arriving.spikes import few_or_none, left_out_of, usual
+from steelyard.identification.recursive.concluding import posterior_of
 from steelyard.identification.recursive.follow import follow
-from steelyard.identification.recursive.following import NotFollowedError
-from steelyard.identification.recursive.spikes import few_or_none, left_out_of, usual
+from steelyard.identification.recursive.following import Following, NotFollowedError
+from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.settings import FIT
 
 CELLS = 8
@@ -184,7 +185,7 @@ def test_spikes_are_counted_in_estimate_and_notes(points):
     found, _ = spiked(points, "cables", "tension", 0.01, 300.0)
     found, _ = spiked(found, "imu", "specific_force", 0.01, 5.0)
     *_, last = follow(found)
-    estimate = drawn(Recursive().of, last.posterior)
+    estimate = drawn(Recursive().of, posterior_of(last))
     (count,) = estimate.details["left_out"]["single_readings"].values()
     assert count == sum(np.count_nonzero(p.force_samples.left_out) for p in last.parts)
     assert f"run 'sine-0': {count} force readings stand alone" in " ".join(estimate.notes)
@@ -239,21 +240,40 @@ def test_a_tracker_that_jumps_is_left_out_for_as_long(points, sound):
     assert farthest(last, sound) < 1.0
 
 
-@pytest.mark.integration
-def test_a_motion_that_cannot_be_followed_ends_and_begins_again(points, monkeypatch):
-    real, lost = events.arrived_closely, []
+def lost_once(monkeypatch, since):
+    """One chunk that does not settle."""
+    real, lost = Following.arrived, []
 
-    def once_lost(before, run):
+    def arrived(before, run):
         start, _ = before.window.grid.span(before.number)
-        if start > 7.0 and not lost:
+        found = real(before, run)
+        if start > since and not lost:
             lost.append(start)
-            raise NotFollowedError("as if")
-        return real(before, run)
+            return replace(found, recursion=replace(found.recursion, unsettled=1))
+        return found
 
-    monkeypatch.setattr(events, "arrived_closely", once_lost)
+    monkeypatch.setattr(Following, "arrived", arrived)
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize(
+    ("since", "where"), [(7.0, " to "), (SECONDS - 0.8, " s on, ")], ids=["midway", "at the end"]
+)
+def test_a_motion_that_cannot_be_followed_ends_and_begins_again(points, monkeypatch, since, where):
+    lost_once(monkeypatch, since)
     *_, last = follow(points)
     assert last.unfollowed == pytest.approx(0.4, abs=0.1)
-    posterior = last.posterior
-    estimate = drawn(Recursive().of, posterior)
+    estimate = drawn(Recursive().of, posterior_of(last))
     assert np.isfinite(estimate.value).all()
-    assert "where the motion could not be followed" in " ".join(estimate.notes)
+    (note,) = (each for each in estimate.notes if "where the motion could not be followed" in each)
+    assert where in note
+
+
+@pytest.mark.integration
+def test_where_little_can_be_followed_it_is_said(points, monkeypatch):
+    def arrived(before, run):
+        raise NotFollowedError
+
+    monkeypatch.setattr(Following, "arrived", arrived)
+    with pytest.raises(NoBalanceError, match="does not go on from before; use maximum-likelihood"):
+        list(follow(points))

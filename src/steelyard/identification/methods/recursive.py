@@ -25,6 +25,7 @@ class AsItArrives:
 
     def __call__(self, experiment: Experiment, progress: Progress = None) -> Posterior:
         """Posterior of an experiment; raises as :func:`.follow` does."""
+        from steelyard.identification.recursive.concluding import posterior_of
         from steelyard.identification.recursive.follow import follow
 
         def tell(what: str, fraction: float) -> None:
@@ -33,7 +34,7 @@ class AsItArrives:
 
         def posterior() -> Posterior:
             *_, last = follow(centred(experiment), tell, self.settings, self.own)
-            return last.posterior
+            return posterior_of(last)
 
         return sound(posterior)
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from steelyard.estimates.quantiles import chi2_exceeded, chi2_tail
 from steelyard.experiment.recording import Run
+from steelyard.identification.recursive.arriving.settling import beyond_noise
 from steelyard.identification.recursive.changes import FREEDOM, Cause, Change, changes
 from steelyard.identification.recursive.following import LOST, Event, Following, NotFollowedError
 from steelyard.identification.recursive.new_load import (
@@ -22,7 +23,6 @@ from steelyard.identification.recursive.new_load import (
     with_columns,
     with_further_load,
 )
-from steelyard.identification.recursive.settling import beyond_noise
 from steelyard.identification.recursive.window.finer import on_finer_knots
 
 _OTHERS: Final[tuple[Cause, ...]] = ("contact", "sensor")
@@ -30,17 +30,8 @@ _OTHERS: Final[tuple[Cause, ...]] = ("contact", "sensor")
 
 
 def advanced(following: Following, run: Run) -> Following:
-    """With the next chunk, and with what it shows to have happened.
-
-    Args:
-        following: Up to now.
-        run: With what has arrived.
-
-    Raises:
-        UnreadError: Nothing has been read within it.
-        numpy.linalg.LinAlgError: The motion is not determined.
-        InfeasibleError: It is where cables cannot be.
-        NotFollowedError: It does not settle.
+    """With the next chunk, and with what it shows to have happened; arguments and errors as of
+    :func:`followed_on`.
     """
     return followed_on(following, run).relieved()
 
@@ -59,29 +50,13 @@ def followed_on(following: Following, run: Run) -> Following:
         InfeasibleError: It is where cables cannot be.
         NotFollowedError: It does not settle.
     """
-    found = following.arrived(run) if following.is_beginning else arrived_closely(following, run)
+    found = following.arrived(run)
+    if not following.is_beginning:
+        found = _followed_closely(following, found, run)
+        if found.recursion.unsettled > following.recursion.unsettled:
+            raise NotFollowedError
     # What the beginning knows of the body is not known from chunks yet.
     return (found if found.is_beginning else _asked(found)).noted()
-
-
-def arrived_closely(before: Following, run: Run) -> Following:
-    """With the next chunk, on finer knots where that is needed.
-
-    Args:
-        before: Without the chunk.
-        run: With what has arrived.
-
-    Raises:
-        UnreadError: Nothing has been read within it.
-        numpy.linalg.LinAlgError: The motion is not determined.
-        InfeasibleError: It is where cables cannot be.
-        NotFollowedError: It does not settle.
-    """
-    found = _followed_closely(before, before.arrived(run), run)
-    if found.recursion.unsettled > before.recursion.unsettled:
-        start, _ = before.window.grid.span(before.number)
-        raise NotFollowedError(f"the motion did not settle at {start:.1f} s")
-    return found
 
 
 def _followed_closely(before: Following, found: Following, run: Run) -> Following:

@@ -17,7 +17,7 @@ from steelyard.identification.model.balance import UNMODELLED_PARTS
 from steelyard.identification.model.calibration_parameters import load_place
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import Process
-from steelyard.identification.recursive.arrivals import (
+from steelyard.identification.recursive.arriving.arrivals import (
     Likeness,
     UnreadError,
     first_after,
@@ -253,23 +253,9 @@ def follow(
             found = found.resumed(run, _beginning_of(found, run))
         _, end = span_of(experiment, run)
         while found.window.grid.span(found.number)[0] < end:
-            span = found.window.grid.span(found.number)
-            try:
-                found = advanced(found, run)
-            except UnreadError:
-                later = _gone_on(found.ended(), run, span, "not all instruments read")
-                if later is None:
-                    break
-                found = later
-            except LOST as error:
-                later = _gone_on(found.lost(), run, span, "the motion could not be followed")
-                if later is None:
-                    raise NoBalanceError(
-                        f"run '{run.name}': the motion was lost at {span[0]:.1f} s, where what was read"
-                        " does not go on from before; use maximum-likelihood, which takes a recording"
-                        " as a whole"
-                    ) from error
-                found = later
+            found = _gone_on(found, run)
+            if found.recursion.window is None:
+                break
             done = found.window.grid.span(found.number)[0] / max(end, 1e-9)
             tell(f"following {run.name}", 0.4 + 0.5 * (i + min(1.0, done)) / len(moving))
             yield found
@@ -277,29 +263,56 @@ def follow(
     yield found
 
 
-def _gone_on(ended: Following, run: Run, untold: tuple[float, float], why: str) -> Following | None:
-    """The motion again from where all instruments that read again do; None: it ends where they no
-    longer read.
+def _gone_on(found: Following, run: Run) -> Following:
+    """With the next chunk, or the motion again behind one that tells nothing; ended where there is none.
+
+    Args:
+        found: Up to there.
+        run: With all of its readings.
+
+    Raises:
+        NoBalanceError: It cannot be followed, and little was before.
+    """
+    since, until = found.window.grid.span(found.number)
+    try:
+        return advanced(found, run)
+    except UnreadError:
+        ended, why, lost = found.ended(), "not all instruments read", None
+    except LOST as error:
+        ended, why, lost = found.lost(), "the motion could not be followed", error
+    resumed = _behind(ended, run, until)
+    if resumed is not None:
+        later, start = resumed
+        note = f"run '{run.name}': nothing is told of {since:.1f} to {start:.1f} s, where {why}"
+        return later.remarked(note)
+    if lost is None:
+        # A run may end where one of its streams does.
+        return ended
+    if not ended.is_followed:
+        raise NoBalanceError(
+            f"run '{run.name}': the motion was lost at {since:.1f} s, where what was read does not go on"
+            " from before; use maximum-likelihood, which takes a recording as a whole"
+        ) from lost
+    return ended.remarked(f"run '{run.name}': nothing is told from {since:.1f} s on, where {why}")
+
+
+def _behind(ended: Following, run: Run, since: float) -> tuple[Following, float] | None:
+    """The motion again from where all instruments that read again do, and when that is [s]; None: it
+    ends where they no longer read.
 
     Args:
         ended: Up to there.
         run: With all of its readings.
-        untold: Beginning and end of the chunk that tells nothing [s].
-        why: Nothing is told of it.
+        since: Time from which on to look [s].
     """
-    experiment, (last, since) = ended.experiment, untold
-    while (later := _since(experiment, run, since)) is not None:
-        start, end = span_of(experiment, later)
+    while (later := _since(ended.experiment, run, since)) is not None:
+        start, end = span_of(ended.experiment, later)
         try:
-            resumed = ended.resumed(later)
+            return ended.resumed(later), start
         except (InputError, NoBalanceError, np.linalg.LinAlgError):
             since = start + ended.recursion.settings.begin
             if since >= end:
                 break
-            continue
-        note = f"run '{run.name}': nothing is told of {last:.1f} to {start:.1f} s, where {why}"
-        begun = replace(resumed.begun, lost=(*resumed.begun.lost, note))
-        return replace(resumed, begun=begun)
     return None
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -10,37 +9,28 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.errors import InfeasibleError
-from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.motion_segment import Segment
-from steelyard.identification.recursive.arrivals import Likeness, once_moving, within
+from steelyard.identification.recursive.arriving.arrivals import Likeness, once_moving, within
+from steelyard.identification.recursive.arriving.settling import arrived
 from steelyard.identification.recursive.new_load import FIRST
 from steelyard.identification.recursive.parts import (
-    counted_from,
-    counted_up,
-    motions_of,
     summed_up,
     with_further,
 )
 from steelyard.identification.recursive.passing import passed
 from steelyard.identification.recursive.recursion import Recursion
-from steelyard.identification.recursive.settling import arrived
-from steelyard.identification.recursive.spikes import forces_alone, motion_alone_in_words
 from steelyard.identification.recursive.window.grid import KnotGrid, coefficients_on
-from steelyard.identification.recursive.window.walk import as_in_the_end, by_mass
 from steelyard.identification.recursive.window.window import Window
 from steelyard.identification.samples.preparation import Samples
 from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.beginning.first_body import on_force_clock
-from steelyard.identification.solve.beginning.readings import Readings, read
+from steelyard.identification.solve.beginning.readings import read
 from steelyard.identification.solve.border.segment_equations import SegmentEquations
-from steelyard.identification.solve.conclusion import concluded
 from steelyard.identification.solve.fit_state import FitState
-from steelyard.identification.solve.fitted import Fitted, FittedStretch
+from steelyard.identification.solve.fitted import Fitted
 from steelyard.identification.solve.long_recording import span_of
-from steelyard.identification.solve.noise_levels import ratios_of
-from steelyard.identification.solve.posterior import Posterior, prior_of
 from steelyard.inertia import Inertia, body_jacobian
 
 
@@ -51,7 +41,7 @@ class NotFollowedError(Exception):
 LOST = (InfeasibleError, np.linalg.LinAlgError, NotFollowedError)
 """Errors of a motion that cannot be followed."""
 _MOST_UNFOLLOWED = 0.1
-"""Part of the time that cannot be followed, up to which what is known of the rest has arrived."""
+"""Part of all chunks that cannot be followed, up to which the rest tells what is carried."""
 _KEPT = 1.25
 """How many parts are kept before the oldest are summed up, in those that stay."""
 
@@ -177,14 +167,9 @@ class Following:
             numpy.linalg.LinAlgError: The motion is not determined.
             InfeasibleError: It is where cables cannot be.
         """
-        grid = self.window.grid
-        readings, forces = within(
-            self.experiment,
-            run,
-            self.like,
-            self.recursion.state.calibration,
-            grid.span(self.number),
-        )
+        grid, calibration = self.window.grid, self.recursion.state.calibration
+        span = grid.span(self.number)
+        readings, forces = within(self.experiment, run, self.like, calibration, span)
         recursion = arrived(self.recursion, readings, forces, self._motion(self.number))
         followed = self.followed + grid.length
         return replace(self, recursion=recursion, number=self.number + 1, followed=followed)
@@ -192,6 +177,15 @@ class Following:
     def lost(self) -> Following:
         """With the motion ended before a chunk that cannot be followed."""
         return replace(self.ended(), unfollowed=self.unfollowed + self.window.grid.length)
+
+    def remarked(self, note: str) -> Following:
+        """With a note of what is not told."""
+        return replace(self, begun=replace(self.begun, lost=(*self.begun.lost, note)))
+
+    @property
+    def is_followed(self) -> bool:
+        """Whether that is so of few chunks."""
+        return self.unfollowed <= _MOST_UNFOLLOWED * (self.followed + self.unfollowed)
 
     def noted(self) -> Following:
         """With what is known after the last chunk."""
@@ -228,7 +222,9 @@ class Following:
         return replace(self, recursion=recursion, parts=with_further(self.parts, part))
 
     def ended(self) -> Following:
-        """With the motion ended."""
+        """With the motion ended; the very same where it has."""
+        if self.recursion.window is None:
+            return self
         found = self
         while found.window.chunks:
             found = found.passed()
@@ -301,72 +297,6 @@ class Following:
         )
         return at_beginning(resumed, Likeness(like, forces))
 
-    @property
-    def posterior(self) -> Posterior:
-        """All that follows, after the last motion has ended."""
-        return self.concluded()
-
-    def concluded(self, *, courses: bool = True) -> Posterior:
-        """All that follows, after the last motion has ended.
-
-        Args:
-            courses: See :func:`.conclusion.concluded`.
-        """
-        fitted, recursion = self.begun, self.recursion
-        here = recursion.state.calibration.values
-        parts = [counted_from(part, -here) for part in motions_of(self.parts)]
-        if recursion.task.experiment.mass_walk and parts:
-            parts[-1] = self._about_the_end(parts)
-        tally, spent = counted_up(parts)
-        state = replace(recursion.state, segments=tuple(part.segment for part in parts))
-        fit = replace(
-            fitted.fit,
-            state=state,
-            equations=(),
-            tally=tally,
-            ratios=ratios_of(recursion.task, spent, tally),
-            turns=len(self.parts),
-            converged=fitted.fit.converged
-            and not recursion.unsettled
-            and self.unfollowed <= _MOST_UNFOLLOWED * (self.followed + self.unfollowed),
-        )
-        forces = tuple(part.force_samples for part in parts)
-        alone, force = recursion.alone, self.like.forces.name
-        notes = (
-            *fitted.lost,
-            *motion_alone_in_words(alone, force),
-            *_of_walk(recursion.task.experiment.mass_walk),
-        )
-        task = replace(recursion.task, experiment=_forgotten(recursion.task.experiment))
-        spikes = forces_alone(alone, force)
-        whole = replace(fitted, task=task, fit=fit, force_samples=forces, lost=notes, spikes=spikes)
-        readings = Readings(
-            self.experiment,
-            recursion.state.calibration,
-            self.experiment.runs,
-            self.samples,
-            (),
-            recursion.task.settings,
-        )
-        return concluded([FittedStretch(readings, whole, tuple(parts))], courses=courses)
-
-    def _about_the_end(self, parts: Sequence[SegmentEquations]) -> SegmentEquations:
-        """The last of all parts, with what makes of their masses the last one.
-
-        Args:
-            parts: With calibration parameters counted from where they are.
-        """
-        recursion, state = self.recursion, self.recursion.state
-        assert state.parameters is not None
-        experiment = _forgotten(recursion.task.experiment)
-        radius = plausible_radius(experiment.robot)
-        prior = prior_of(experiment, state.calibration, state.parameters, radius)
-        told = recursion.relative(recursion.told)
-        end = replace(told, normal=told.normal - prior.precision, right=told.right - prior.pull)
-        own = [each.equations for each in parts]
-        further = as_in_the_end(own, end, by_mass(recursion.point))
-        return replace(parts[-1], equations=parts[-1].equations + further)
-
 
 def at_beginning(found: Following, like: Likeness) -> Following:
     """At the beginning of a motion.
@@ -387,30 +317,6 @@ def at_beginning(found: Following, like: Likeness) -> Following:
     return replace(
         found, like=like, recursion=recursion, first=coefficients_on(grid, segment), number=0
     )
-
-
-def _forgotten(experiment: Experiment) -> Experiment:
-    """An experiment without what was known of a mass that has walked since: it is part of what is told
-    of the last one.
-    """
-    if not experiment.mass_walk:
-        return experiment
-    loads = tuple(replace(each, known=_without_mass(each.known)) for each in experiment.loads)
-    return replace(experiment, known=_without_mass(experiment.known), loads=loads)
-
-
-def _without_mass(known: Mapping[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-    """What is known of a body but its mass."""
-    return {name: each for name, each in known.items() if name != "mass"}
-
-
-def _of_walk(walk: float) -> Iterator[str]:
-    """What a reader should know of a mass that walks."""
-    if walk:
-        yield (
-            f"the mass walks at random by {walk:g} kg/sqrt(s), as stated: it is that at the end; what"
-            " comes and goes is taken to be at the centre of gravity"
-        )
 
 
 def silent(what: str, fraction: float) -> None:

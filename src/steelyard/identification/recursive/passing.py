@@ -11,8 +11,8 @@ from steelyard.arrays import Array
 from steelyard.identification.banded import banded_trace
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import NormalEquations
+from steelyard.identification.recursive.arriving.spikes import numbers_of, without_spikes
 from steelyard.identification.recursive.recursion import Recursion
-from steelyard.identification.recursive.spikes import numbers_of, without_spikes
 from steelyard.identification.recursive.window.levels import Liveliness
 from steelyard.identification.recursive.window.past import (
     Linear,

@@ -31,7 +31,7 @@ LEAST_OWN = 1e-3
 held against it."""
 TURNS = 4
 """At most, in each of which one reading of a sample is left out: more of them are rare."""
-_MOST_FAR = 0.1
+MOST_FAR = 0.1
 """Part of the numbers of a quantity beyond which none of them is a spike: the motion is not right, or
 their noise is another one."""
 _FEW = 2
@@ -130,6 +130,11 @@ def left_out_of(forces: Forces, single: Mask, whole: Mask, settings: FitSettings
     return replace(forces.bridged(left_out & ~forces.left_out), left_out=left_out)
 
 
+def any_of(alone: Sequence[Mask]) -> bool:
+    """Whether anything is left out of some readings."""
+    return any(bool(each.any()) for each in alone)
+
+
 def without_readings(segment: Segment, alone: Sequence[Mask]) -> Segment:
     """A chunk without readings of its motion instruments; the very same where all stay.
 
@@ -137,7 +142,7 @@ def without_readings(segment: Segment, alone: Sequence[Mask]) -> Segment:
         segment: The chunk.
         alone: What is left out of each of its readings, shape (n, k), k numbers a sample.
     """
-    if not any(bool(each.any()) for each in alone):
+    if not any_of(alone):
         return segment
     readings = zip(segment.readings, alone, strict=True)
     return replace(segment, readings=tuple(_fewer(each, mask) for each, mask in readings))
@@ -219,7 +224,7 @@ def few_or_none(far: Mask) -> Mask:
     Args:
         far: Shape (n, k).
     """
-    few = max(_FEW * far.shape[1], _MOST_FAR * far.size)
+    few = max(_FEW * far.shape[1], MOST_FAR * far.size)
     return far if np.count_nonzero(far) <= few else np.zeros_like(far)
 
 

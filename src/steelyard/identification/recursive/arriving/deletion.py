@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.identification.model.force_residuals import WhitenedBalance
 from steelyard.identification.model.segment import NormalEquations, Rows
-from steelyard.identification.recursive.spikes import LEAST_OWN, Mask
+from steelyard.identification.recursive.arriving.spikes import LEAST_OWN, MOST_FAR, Mask
 from steelyard.identification.recursive.window.past import dense, eliminated
 from steelyard.identification.tally import median
 from steelyard.robot.model import DIRECTIONS
@@ -25,8 +25,6 @@ _TURNS = 120
 there is something else."""
 _AGREES = 1.5
 """Median of what is left of a quantity, in that of its noise, up to which it agrees with a motion."""
-_FEW = 0.1
-"""Part of its numbers that may still be far then."""
 _MOST = 0.6
 """Part of the samples of the forces beyond which what is off in them is no spike."""
 
@@ -167,10 +165,7 @@ class Deletion:
         Raises:
             numpy.linalg.LinAlgError: The motion is not determined.
         """
-        found = nothing = Alone(
-            np.zeros(len(self.residual), dtype=bool),
-            np.zeros((len(self.balance), self.shares.shape[2]), dtype=bool),
-        )
+        found = nothing = self._nothing
         for _ in range(_TURNS):
             motion, single = self.far(found)
             motion = self._as_usual(motion)
@@ -201,19 +196,25 @@ class Deletion:
         Raises:
             numpy.linalg.LinAlgError: The motion is not determined.
         """
-        none = np.zeros(self.shares.shape[::2], dtype=bool)
-        best, least = np.zeros(len(self.residual), dtype=bool), np.inf
+        nothing, least = self._nothing, np.inf
+        best = nothing.motion
         for part in np.unique(self.part):
-            off, _ = self.off(Alone(self.part == part, none))
+            off, _ = self.off(replace(nothing, motion=self.part == part))
             far = np.isfinite(off) & (off > level)
             if not far.any():
                 continue
-            step, _, _ = self._solved(Alone(far, none))
+            step, _, _ = self._solved(replace(nothing, motion=far))
             left = np.where(far, 0.0, self.residual + self.by_motion @ step)
             cost = float(left @ left)
             if cost < least and self._agree(left, ~far, level):
                 best, least = far, cost
         return best
+
+    @property
+    def _nothing(self) -> Alone:
+        """Nothing that is left out."""
+        none = np.zeros(self.shares.shape[::2], dtype=bool)
+        return Alone(np.zeros(len(self.residual), dtype=bool), none)
 
     def _agree(self, left: Array, kept: Mask, level: float) -> bool:
         """Whether numbers are as near to a motion as noise lets them be.
@@ -226,7 +227,7 @@ class Deletion:
         counts = kept & self.by_motion.any(axis=1)
         off = np.abs(left)
         return all(
-            median(off[own]) <= _AGREES * NORMAL_MEDIAN and np.mean(off[own] > level) <= _FEW
+            median(off[own]) <= _AGREES * NORMAL_MEDIAN and np.mean(off[own] > level) <= MOST_FAR
             for own in (counts & (self.part == part) for part in np.unique(self.part))
             if own.any()
         )

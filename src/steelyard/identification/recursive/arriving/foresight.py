@@ -19,15 +19,16 @@ from steelyard.identification.model.force_residuals import WhitenedBalance
 from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Rows
-from steelyard.identification.recursive.deletion import Deletion, Foreknown
-from steelyard.identification.recursive.recursion import Recursion
-from steelyard.identification.recursive.spikes import (
+from steelyard.identification.recursive.arriving.deletion import Deletion, Foreknown
+from steelyard.identification.recursive.arriving.spikes import (
     TURNS,
     Mask,
+    any_of,
     few_or_none,
     left_out_of,
     without_readings,
 )
+from steelyard.identification.recursive.recursion import Recursion
 from steelyard.identification.recursive.window.past import scaled
 from steelyard.identification.solve.border.segment_equations import whitened_rows
 from steelyard.identification.solve.fit_state import FitState
@@ -94,7 +95,7 @@ def foreseen_without_spikes(
             break
     none = np.zeros(len(forces.time), dtype=bool)
     kept = left_out_of(forces, single, none, recursion.task.settings)
-    if segment is whole and kept is forces and not any(bool(each.any()) for each in alone):
+    if segment is whole and kept is forces and not any_of(alone):
         return None
     if len(forces.time):
         _, rows = _of_all(here, segment, kept, wide)
@@ -124,7 +125,7 @@ def _without_jump(
         read = _read(rows)
         asked = Deletion.of(_foreknown(here, segment, forces, rows), read, ())
         jumped = _in_parts(asked.jumped(level), read)
-        if not any(bool(each.any()) for each in jumped):
+        if not any_of(jumped):
             return recursion, jumped
         # What an instrument has read at one time has jumped as a whole.
         jumped = [np.broadcast_to(each.any(axis=1, keepdims=True), each.shape) for each in jumped]

@@ -14,15 +14,15 @@ from steelyard.identification.model.balance import Forces, balance_of
 from steelyard.identification.model.force_residuals import WhitenedBalance
 from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.segment import Rows
-from steelyard.identification.recursive.foresight import foreseen, foreseen_without_spikes
-from steelyard.identification.recursive.recursion import Recursion
-from steelyard.identification.recursive.spikes import (
+from steelyard.identification.recursive.arriving.foresight import foreseen, foreseen_without_spikes
+from steelyard.identification.recursive.arriving.spikes import (
     far_from,
     numbers_of,
     stands_out,
     without_readings,
     without_spikes,
 )
+from steelyard.identification.recursive.recursion import Recursion
 from steelyard.identification.solve.border.segment_equations import whitened_rows
 from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.settings import FitSettings
