@@ -13,9 +13,11 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from steelyard import rotations
 from steelyard.arrays import Array
+from steelyard.batch import Batched
 from steelyard.inertia import Inertia
 from steelyard.robot.kinematics import shapes
 from steelyard.robot.model import Robot
@@ -33,7 +35,7 @@ class Place:
 
     def moved(self, change: Array) -> Place:
         """By a small change, shape (6,)."""
-        turned = np.asarray(ca.evalf(rotations.exp(ca.DM(change[3:]))))
+        turned = Rotation.from_rotvec(change[3:]).as_matrix()
         return Place(self.position + change[:3], self.rotation @ turned)
 
 
@@ -72,26 +74,19 @@ def forces(
         change: Small, of the pose, shape (6,).
     """
     found = _function(_Alike(_fixed(robot), robot))(
-        robot.anchors.T,
-        robot.attachments.T,
-        place.position,
-        place.rotation,
-        change,
-        tension,
-        body.mass,
-        body.center_of_gravity,
+        anchors=robot.anchors.ravel(),
+        attachments=robot.attachments.ravel(),
+        position=place.position,
+        rotation=place.rotation,
+        change=change,
+        tension=tension,
+        mass=[body.mass],
+        center=body.center_of_gravity,
     )
-    force, by_pose, by_tension, length, l_pose, l_tension, potential, p_pose = map(np.array, found)
-    return HangingForces(
-        force.ravel(),
-        by_pose,
-        by_tension,
-        length.ravel(),
-        l_pose,
-        l_tension,
-        float(potential.item()),
-        p_pose.ravel(),
-    )
+    own = {name: value[0] for name, value in found.items()}
+    own["by_tension"] = own["by_tension"].reshape(-1, robot.m)
+    own["length_by_tension"] = own["length_by_tension"].reshape(-1, robot.m)
+    return HangingForces(**{**own, "potential": float(own["potential"][0])})
 
 
 def mass_matrix(body: Inertia, rotation: Array) -> Array:
@@ -116,12 +111,14 @@ def _fixed(robot: Robot) -> tuple[Any, ...]:
 
 
 @lru_cache(maxsize=16)
-def _function(alike: _Alike) -> Any:
+def _function(alike: _Alike) -> Batched:
     """Of anchors, attachments, pose, its change, tensions, mass and centre of gravity to the parts of
     :class:`HangingForces`.
     """
     robot = alike.robot
-    anchors, attachments = ca.SX.sym("a", 3, robot.m), ca.SX.sym("b", 3, robot.m)
+    # Flat, since a matrix of one column, of a single cable, is a column to those who evaluate.
+    flat = ca.SX.sym("a", 3 * robot.m), ca.SX.sym("b", 3 * robot.m)
+    anchors, attachments = (ca.reshape(each, 3, robot.m) for each in flat)
     position, base, change = ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3), ca.SX.sym("x", 6)
     tension, mass, center = ca.SX.sym("T", robot.m), ca.SX.sym("m"), ca.SX.sym("c", 3)
     place = position + change[:3]
@@ -137,17 +134,26 @@ def _function(alike: _Alike) -> Any:
         torque += ca.cross(attachments[:, i], rotation.T @ pull)
     total = ca.vertcat(force, torque)
     length = ca.vertcat(*[each.length for each in cables])
-    return ca.Function(
+    return Batched(
         "hanging_body",
-        [anchors, attachments, position, base, change, tension, mass, center],
-        [
-            total,
-            ca.jacobian(total, change),
-            ca.jacobian(total, tension),
-            length,
-            ca.jacobian(length, change),
-            ca.jacobian(length, tension),
-            potential,
-            ca.gradient(potential, change),
-        ],
+        {
+            "anchors": flat[0],
+            "attachments": flat[1],
+            "position": position,
+            "rotation": base,
+            "change": change,
+            "tension": tension,
+            "mass": mass,
+            "center": center,
+        },
+        {
+            "force": total,
+            "by_pose": ca.jacobian(total, change),
+            "by_tension": ca.jacobian(total, tension),
+            "length": length,
+            "length_by_pose": ca.jacobian(length, change),
+            "length_by_tension": ca.jacobian(length, tension),
+            "potential": potential,
+            "potential_by_pose": ca.gradient(potential, change),
+        },
     )

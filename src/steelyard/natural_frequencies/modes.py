@@ -174,21 +174,30 @@ def sensitivity(found: NaturalModes) -> Array:
     cables, body, rest = found.cables, found.body, found.rest
     value, size = body.body_parameters, _size(cables)
     steps = _STEP * np.array([body.mass, *[size] * 3, *[body.mass * size**2] * 6])
+    hertz, ways = _swings(cables, body, rest)
+    mass = mass_matrix(body, rest.place.rotation)
     slopes = np.zeros((len(found.frequencies), TEN))
     for i, step in enumerate(steps):
-        sides = []
-        for sign in (1.0, -1.0):
-            other = value.copy()
-            other[i] += sign * step
-            near = Inertia.from_body_parameters(other)
-            start = replace(rest, tension=rest.tension * near.mass / body.mass)
-            # Where a body hangs does not ask for its inertia.
-            if i < 4:
+        if i < 4:
+            sides = []
+            for sign in (1.0, -1.0):
+                near = _with(value, i, sign * step)
+                start = replace(rest, tension=rest.tension * near.mass / body.mass)
                 sides.append(_near(cables, near, found.lengths, start))
-            else:
-                sides.append(_modes(cables, near, rest)[0])
-        slopes[:, i] = (sides[0] - sides[1]) / (2 * step)
+            slopes[:, i] = (sides[0] - sides[1]) / (2 * step)
+        else:
+            # Where a body hangs does not ask for its inertia, and the kinetic energy is linear in it.
+            other = mass_matrix(_with(value, i, step), rest.place.rotation)
+            kinetic = np.einsum("ik,ij,jk->k", ways, (other - mass) / step, ways)
+            slopes[:, i] = -hertz / 2 * kinetic
     return slopes
+
+
+def _with(value: Array, i: int, step: float) -> Inertia:
+    """The body of ten body parameters, one of which is larger by a step."""
+    other = value.copy()
+    other[i] += step
+    return Inertia.from_body_parameters(other)
 
 
 def by_points(found: NaturalModes) -> Array:
@@ -220,11 +229,20 @@ def _near(cables: Robot, body: Inertia, lengths: Array, rest: Equilibrium) -> Ar
     moved = settled(cables, body, lengths, rest)
     if moved is None:
         raise InputError(_AT_THE_EDGE)
-    return _modes(cables, body, moved)[0]
+    return _swings(cables, body, moved)[0]
 
 
 def _modes(robot: Robot, body: Inertia, rest: Equilibrium) -> tuple[Array, tuple[Array, ...]]:
     """Frequencies [Hz], ascending, and the shapes of the modes."""
+    hertz, ways = _swings(robot, body, rest)
+    size = _size(robot)
+    return hertz, tuple(_shape(each, rest.place.rotation, size) for each in ways.T)
+
+
+def _swings(robot: Robot, body: Inertia, rest: Equilibrium) -> tuple[Array, Array]:
+    """Frequencies [Hz], ascending, shape (k,), and the changes of the pose in each mode, of which the
+    mass matrix makes 1, shape (6, k).
+    """
     at = forces(robot, body, rest.place, rest.tension, np.zeros(6))
     taut = rest.taut
     stiffness = -at.by_pose
@@ -248,9 +266,7 @@ def _modes(robot: Robot, body: Inertia, rest: Equilibrium) -> tuple[Array, tuple
             "expected an equilibrium that is stable, found one from which the platform falls; check"
             " the lengths or the pose"
         )
-    size = _size(robot)
-    hertz = np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi)
-    return hertz, tuple(_shape(across @ each, rest.place.rotation, size) for each in vectors.T)
+    return np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi), across @ vectors
 
 
 def _size(robot: Robot) -> float:
