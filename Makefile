@@ -72,25 +72,28 @@ tutorial:
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
+# One installation each, with all that the smaller ones have. Modules are compiled when they are first needed.
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable
+
 $(VENV)/.installed: $(VENV)/bin/python pyproject.toml
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all]'
+	$(INSTALL) '.[all]'
 	touch $@
 
-$(VENV)/.installed-test: $(VENV)/.installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,test]'
-	touch $@
+$(VENV)/.installed-test: $(VENV)/bin/python pyproject.toml
+	$(INSTALL) '.[all,test]'
+	touch $(VENV)/.installed $@
 
-$(VENV)/.installed-fuzz: $(VENV)/.installed-test
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,test,fuzz]'
-	touch $@
+$(VENV)/.installed-fuzz: $(VENV)/bin/python pyproject.toml
+	$(INSTALL) '.[all,test,fuzz]'
+	touch $(VENV)/.installed $(VENV)/.installed-test $@
 
-$(VENV)/.installed-bench: $(VENV)/.installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,bench]'
-	touch $@
+$(VENV)/.installed-bench: $(VENV)/bin/python pyproject.toml
+	$(INSTALL) '.[all,bench]'
+	touch $(VENV)/.installed $@
 
-$(VENV)/.installed-docs: $(VENV)/.installed
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[all,docs]'
-	touch $@
+$(VENV)/.installed-docs: $(VENV)/bin/python pyproject.toml
+	$(INSTALL) '.[all,docs]'
+	touch $(VENV)/.installed $@
 
 clean:
 	rm -rf $(VENV) .venv-* docs/_build steelyard-demo .pytest_cache .mypy_cache .ruff_cache

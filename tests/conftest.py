@@ -39,6 +39,8 @@ def pytest_collection():
     finally:
         gc.freeze()
         gc.enable()
+        # And rarely later: a twentieth of the time.
+        gc.set_threshold(100_000, 20, 20)
 
 
 def pytest_ignore_collect(collection_path, config):

@@ -304,6 +304,7 @@ def test_methods_by_name():
         chosen_methods(["best"])
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_read_identify_show(tmp_path):
     experiment = steelyard.read_experiment(str(write_small(tmp_path)))

@@ -29,6 +29,7 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 """
 
 
+@pytest.mark.slow
 def test_reading_again_after_a_fork_is_refused_at_once(tmp_path):
     experiment = write_small(tmp_path / "small")
     command = [sys.executable, "-W", "ignore", "-c", FORKED, str(experiment)]

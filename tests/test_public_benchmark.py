@@ -177,6 +177,7 @@ def test_example_method_from_a_recording_to_the_table(public, tmp_path, monkeypa
     assert "example: weighing" in score.markdown(scored)
 
 
+@pytest.mark.slow
 @pytest.mark.mujoco
 def test_the_friendlier_version_is_off_by_one_constant_wrench(public):
     """By Newton and Euler, with gains and offsets of cells but nearly no noise."""

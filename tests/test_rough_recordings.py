@@ -25,6 +25,7 @@ def rough(monkeypatch):
     return lambda name: importlib.import_module(f"rough.{name}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["three", "five", "six", "desk"])
 def test_cables_carry_what_moves_the_body(rough, name):
     robots, kinds, motion, shared = map(rough, ("robots", "kinds", "motion", "shared"))
@@ -44,6 +45,7 @@ def test_cables_carry_what_moves_the_body(rough, name):
     np.testing.assert_allclose(own, needed, atol=1e-4 * robot.weight)
 
 
+@pytest.mark.slow
 def test_every_kind_is_a_recording_that_can_be_read(rough, tmp_path):
     recording, kinds = rough("recording"), rough("kinds")
     for kind, what in kinds.KINDS.items():
@@ -64,6 +66,7 @@ def test_a_seed_is_a_recording(rough, tmp_path):
     assert one == again != other
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "number"), [("six", 1), ("six", 3), ("cogiro", 1)])
 def test_what_level_circles_tell_is_true(rough, tmp_path, name, number):
     """Nothing but vibrations that the gyro barely sees turns the platform: what noise alone tells of

@@ -38,6 +38,7 @@ def test_anchors_and_attachments_are_found(m):
     assert np.nanmax(found.leave_one_out) < 2 * NOISE
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_intervals_cover():
     chi = []
@@ -165,6 +166,7 @@ def has_no_numbers(found):
     return True
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize("off", [0.3, 0.05])
 @pytest.mark.parametrize("mistake", MISTAKES)

@@ -164,6 +164,7 @@ def test_the_sigma_of_points_on_the_datum_is_that_of_their_distances():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_intervals_about_a_pose_cover():
     chi, better = [], []
@@ -236,6 +237,7 @@ def test_without_either_it_is_refused():
         calibrate(replace(experiment, datum=Datum(pose="poses")))
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_gravity_and_rollers_turn_with_the_world():
     experiment, _ = hung(2)

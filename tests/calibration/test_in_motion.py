@@ -150,6 +150,7 @@ def chi_square(found, true):
     return off @ np.linalg.solve(found.covariance, off) / len(off)
 
 
+@pytest.mark.slow
 def test_a_recording_in_motion_tells_geometry_and_body():
     experiment, true = moved(0)
     found = calibrate(experiment)
@@ -170,6 +171,7 @@ def test_intervals_cover(m, forces):
     assert 0.8 < np.mean(chi) < 1.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("forces", [False, True])
 def test_poses_at_rest_beside_a_motion_make_it_better(forces):
     both, true = moved(1, forces=forces, at_rest=15)
@@ -182,6 +184,7 @@ def test_poses_at_rest_beside_a_motion_make_it_better(forces):
     assert [each.static for each in found.found.left_out] == [False, True]
 
 
+@pytest.mark.slow
 def test_leaving_out_a_stretch_is_a_fit_without_it():
     experiment, _ = moved(2, forces=False)
     found = calibrate(experiment)
@@ -241,6 +244,7 @@ def test_a_robot_file_in_millimetres_is_named():
         calibrate(replace(experiment, robot=large))
 
 
+@pytest.mark.slow
 def test_lengths_that_stretch_need_tensions():
     experiment, _ = moved(0, forces=False)
     robot = experiment.robot

@@ -14,6 +14,7 @@ from steelyard.instruments.base import Prior
 pytestmark = pytest.mark.integration
 
 
+@pytest.mark.slow
 def test_lengths_and_forces_alone_tell_the_shape():
     experiment, _ = hung(0)
     found = calibrate(experiment)
@@ -23,9 +24,10 @@ def test_lengths_and_forces_alone_tell_the_shape():
     assert "rotation about x" not in found.gauges["anchor"].untied
 
 
+@pytest.mark.slow
 def test_intervals_cover_up_to_the_gauge():
     chi = []
-    for seed in range(10):
+    for seed in range(5):
         experiment, true = hung(seed)
         off = errors(found := calibrate(experiment), true)
         assert not found.reasons

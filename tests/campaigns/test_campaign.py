@@ -181,6 +181,7 @@ def test_what_the_machine_lost_is_tried_again(data, out):
     assert run(data, out).unchanged == 2
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_rows_of_two_campaigns_are_merged(data, out):
     run(data / "a", out)
@@ -434,6 +435,7 @@ def command(data, out, *further):
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_the_verb_ends_with_3_where_one_experiment_fails_and_goes_on_then(data, out):
     (data / "b" / "experiment.yaml").write_text("format: [")

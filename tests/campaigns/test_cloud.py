@@ -65,6 +65,7 @@ def put(system, folder, name):
     system.put(str(write_small(folder / name).parent), f"days/{name}", recursive=True)
 
 
+@pytest.mark.slow
 def test_a_bucket_gives_the_numbers_of_its_files_and_nothing_stays(bucket, tmp_path):
     system, copies = bucket
     for name in ("a", "deep/b"):

@@ -153,6 +153,7 @@ def test_an_experiment_is_simulated_as_it_was_recorded(tmp_path):
     np.testing.assert_allclose(setup.robot_of().platform.mass, real.robot.platform.mass, rtol=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize("name", ["four-cables-00", "three-cables-00"])
 def test_a_platform_that_swings_is_simulated_as_it_was_recorded(name, tmp_path):

@@ -1434,6 +1434,7 @@ def assert_one_sentence(status, stdout, stderr, pattern):
     assert len(message) < 1000
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("limited")
 @pytest.mark.parametrize(("corrupt", "pattern", "arguments"), CASES)
 def test_bad_input_ends_with_one_sentence(
@@ -1450,6 +1451,7 @@ def test_bad_input_ends_with_one_sentence(
     assert contents(tmp_path) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("corrupt", "pattern", "arguments"),
     [each for each in CASES if each.id in {"text for a number", "robot is a pipe", "unknown verb"}],

@@ -283,6 +283,7 @@ def test_loads_are_simulated_and_their_errors_printed(run, tmp_path):
 # Identify
 
 
+@pytest.mark.slow
 def test_identify_without_a_folder_writes_nothing(run, small, tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
@@ -318,6 +319,7 @@ def assert_has_the_shape_of_the_contract(estimate):
     assert set(estimate["verdict"]["parameters"].values()) <= {"data", "prior", "unidentifiable"}
 
 
+@pytest.mark.slow
 def test_what_identify_writes_has_the_shape_of_the_contract(run, small, tmp_path):
     status, out, err = run("identify", small, "--out", tmp_path / "out")
     assert (status, err) == (0, "")
@@ -355,6 +357,7 @@ def test_what_identify_writes_has_the_shape_of_the_contract(run, small, tmp_path
     assert report.startswith("# small\n")
 
 
+@pytest.mark.slow
 def test_identify_as_json_is_what_it_writes(run, small, tmp_path):
     status, out, err = run("identify", small, "--json", "--out", tmp_path / "out")
     assert (status, err) == (0, "")
@@ -376,6 +379,7 @@ def test_a_baseline_alone_is_neither_accepted_nor_rejected(run, small, tmp_path)
     assert "found a baseline that was not assessed" in err
 
 
+@pytest.mark.slow
 def test_identify_twice_gives_the_same_bytes(run, small, tmp_path):
     for name in ("one", "two"):
         run("identify", small, "--out", tmp_path / name)
@@ -386,6 +390,7 @@ def test_identify_twice_gives_the_same_bytes(run, small, tmp_path):
     assert one == two
 
 
+@pytest.mark.slow
 def test_results_may_lie_beside_the_experiment(run, small):
     before = files(small.parent)
     assert run("identify", small, "--out", small.parent, "--force")[0] == 0
@@ -397,6 +402,7 @@ def test_results_may_lie_beside_the_experiment(run, small):
     assert {name: after[name] for name in before} == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [
@@ -409,6 +415,7 @@ def test_options_that_ask_for_what_is_done_anyway(run, small, options):
     assert run("identify", small, "--json", *options) == run("identify", small, "--json")
 
 
+@pytest.mark.slow
 def test_a_run_can_be_chosen(run, small):
     alone = parsed(run("identify", small, "--json")[1])
     text = small.read_text()
@@ -422,6 +429,7 @@ def test_a_run_can_be_chosen(run, small):
     }
 
 
+@pytest.mark.slow
 def test_the_acceleration_can_come_from_the_tracker(run, small):
     imu, tracker = (
         parsed(run("identify", small, "--json", "--acceleration", which)[1])["estimates"][
@@ -433,6 +441,7 @@ def test_the_acceleration_can_come_from_the_tracker(run, small):
     assert tracker == pytest.approx(imu, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_truth_of_a_simulation_stands_beside_the_estimate(run, small):
     truth = Inertia(163.25, np.zeros(3), np.diag([95.0, 89.0, 32.0]))
     (small.parent / "truth.json").write_text(json.dumps(truth.to_dict()))
@@ -441,6 +450,7 @@ def test_the_truth_of_a_simulation_stands_beside_the_estimate(run, small):
     assert "163.25" in out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
     [
@@ -472,6 +482,7 @@ def test_a_truth_that_makes_no_sense_is_none(run, small, text):
     assert "truth" not in out
 
 
+@pytest.mark.slow
 def test_a_truth_that_never_ends_is_none(small):
     os.mkfifo(small.parent / "truth.json")
     ended = finished([*PROCESS, "identify", str(small)], capture_output=True, text=True)
@@ -502,6 +513,7 @@ def test_pushing_cables_are_not_accepted(run, small, tmp_path):
     assert estimate["physical"] is False
 
 
+@pytest.mark.slow
 def test_an_inertia_that_no_body_has_is_not_accepted(run, small, tmp_path):
     # Turning about x told faster than it was makes the moment about it small, less than the others
     # differ.
@@ -511,6 +523,7 @@ def test_an_inertia_that_no_body_has_is_not_accepted(run, small, tmp_path):
     assert "no body has this inertia" in estimate["verdict"]["reasons"][0]
 
 
+@pytest.mark.slow
 def test_a_moment_below_zero_is_not_accepted_though_others_are_not_identifiable(
     run, small, tmp_path
 ):
@@ -539,6 +552,7 @@ def test_not_accepted_without_a_folder_ends_in_the_same_way(run, small):
 # Force
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", ["simulate", "identify"])
 def test_force_replaces_files_of_the_same_names_alone(run, small, tmp_path, verb):
     arguments = ["simulate", "cogiro", *QUICK] if verb == "simulate" else ["identify", small]
@@ -598,6 +612,7 @@ def test_a_full_disk_is_said_in_one_sentence(run, small, tmp_path, monkeypatch):
 # Stdout and stderr
 
 
+@pytest.mark.slow
 def test_stderr_is_silent_where_nobody_looks(small, tmp_path):
     for arguments in (
         ["simulate", "cogiro", *QUICK, "--out", str(tmp_path / "out")],
@@ -608,6 +623,7 @@ def test_stderr_is_silent_where_nobody_looks(small, tmp_path):
         assert ended.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quiet", [False, True])
 def test_progress_is_shown_to_a_person_only(tmp_path, quiet):
     ours, theirs = pty.openpty()
@@ -646,6 +662,7 @@ def test_a_reader_that_has_gone_is_no_reason_to_complain():
     assert ended.stderr == ""
 
 
+@pytest.mark.slow
 def test_names_in_any_bytes_are_no_trouble(small, tmp_path):
     # Names of files are bytes, and these are no UTF-8.
     folder = os.fsencode(tmp_path) + b"/\xff\xfe"
@@ -660,6 +677,7 @@ def test_names_in_any_bytes_are_no_trouble(small, tmp_path):
         assert (ended.returncode, ended.stderr) == (0, b"")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
 @pytest.mark.parametrize("option", [[], ["--json"]])
 def test_a_terminal_of_few_characters_is_no_trouble(small, encoding, option):
@@ -675,6 +693,7 @@ def test_a_terminal_of_few_characters_is_no_trouble(small, encoding, option):
 # The whole story
 
 
+@pytest.mark.slow
 def test_the_demo_tells_the_whole_story(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     status, out, err = run("demo")

@@ -247,6 +247,7 @@ def test_one_file_with_everything(tmp_path, run, streams):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_runs_by_folder_and_by_name(tmp_path, run):
     places = (

@@ -354,6 +354,7 @@ def test_the_payload_is_what_was_added():
     assert "accepted, of a body that can exist" in next(payload_statements(found)).text
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_covariance_of_the_payload_is_that_of_many_draws(rng):
     """The clouds' composite with scattered parameters, taken apart by the linear parameters of
@@ -754,6 +755,7 @@ def test_an_estimate_that_was_not_accepted_is_named(run, files):
     assert "\x1b" not in out
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_what_identify_wrote_can_be_compared(tmp_path):
     """A process of its own, of files that other code wrote."""

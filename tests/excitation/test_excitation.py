@@ -631,6 +631,7 @@ STRETCHING = pytest.param(
 """Three of 89 1-sigma of lengths and stiffness differ, by up to three per cent."""
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize("which", [w for w in ELSEWHERE if w != "rollers"] + [REMEMBERING])
 def test_the_balance_of_forces_has_the_information_that_the_estimators_use(which):
@@ -707,6 +708,7 @@ def test_derivatives_of_readings_change_along_the_command_as_differences_say(whi
 # Predicted information
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize(
     "which",
@@ -732,6 +734,7 @@ def test_predicted_information_is_that_of_the_bound_of_noise_free_recordings(whi
     np.testing.assert_allclose(errors, np.sqrt(np.diag(bound.calibration)[active]), rtol=relative)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize("which", ["unsure", "tight", "bare"])
 def test_information_changes_along_the_commands_as_differences_say(which):
@@ -798,6 +801,7 @@ def dense(band):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_shares_of_information_and_priors_add_up_to_one():
     found = plan("bare")

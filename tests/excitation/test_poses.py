@@ -179,6 +179,7 @@ def test_single_poses_add_up_to_what_all_of_them_tell(planned, designed):
     np.testing.assert_allclose(ratio, np.repeat([0.05, 0.01], 24), rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_poses(planned):
     one, same, other = (design_poses(planned, 6, seed=seed, settings=FEW) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.poses, same.poses)
@@ -247,6 +248,7 @@ runs:
 """
 
 
+@pytest.mark.slow
 def test_the_verb_writes_poses_that_an_experiment_reads(tmp_path):
     sensors = tmp_path / "sensors.yaml"
     sensors.write_text(SENSORS)

@@ -132,6 +132,7 @@ def noisy(seed):
     return replace(drawn, runs=tuple(runs), loads=loads)
 
 
+@pytest.mark.slow
 def test_estimates_are_as_uncertain_as_was_promised():
     load = load_of("added")
     promised = bound_with(base(True), fit_recorded(recorded(load, moving=True, exact=True)), load)
@@ -146,6 +147,7 @@ def test_estimates_are_as_uncertain_as_was_promised():
     assert promised.standard_deviation[0] < 0.4 * alone
 
 
+@pytest.mark.slow
 def test_a_reference_that_was_weighed_wrongly_is_found():
     experiment = noisy(3)
     bare, reference = experiment.loads
@@ -163,6 +165,7 @@ def designed():
     return design_references(PLAN, motion={"move": MOTION}, poses=4, settings=FEW)
 
 
+@pytest.mark.slow
 def test_the_table_has_the_most_helpful_first():
     design = designed()
     scores = [design.score(each) for each in design.predictions]

@@ -53,6 +53,7 @@ def test_swings_keep_all_cables_taut(design):
         assert each.push
 
 
+@pytest.mark.slow
 def test_noisy_swings_tell_what_was_promised(design):
     rng = np.random.default_rng(3)
     recorded = _recorded(design.experiment, design.swings, FEW).experiment
@@ -120,6 +121,7 @@ def test_what_cannot_be_designed_is_said(robot, options, words):
         design_swings(robot, **{"swings": 3, **options})
 
 
+@pytest.mark.slow
 def test_where_nothing_hangs_is_said(robot):
     far = replace(robot, limits=replace(robot.limits, position=((9.0, 9, 9), (10.0, 10, 10))))
     with pytest.raises(InputError, match="hang upright on these cables, all taut, found none"):

@@ -76,6 +76,7 @@ def test_six_sensors_of_eight_tell_the_body(tmp_path, method):
     assert np.all(np.abs(found.value - whole.value)[told] < 5 * found.standard_deviation[told])
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_a_report_of_four_cables_one_of_them_without_a_sensor(run, tmp_path):
     shutil.copytree(DATA / "rough-robots" / "four-cables-00", tmp_path / "e")

@@ -424,6 +424,7 @@ def assert_near(estimate, other):
     assert (np.abs(estimate.value - other.value) < 2 * sigma).all()
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_missing_repeated_and_uneven_samples_change_little(small):
     whole = result(small)
@@ -590,6 +591,7 @@ def test_without_sync_common_time_counts_from_the_first_force_sample(small, orig
         )
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_clocks_that_agree_need_no_sync(small):
     whole = result(small)

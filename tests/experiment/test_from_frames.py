@@ -301,6 +301,7 @@ def test_a_first_file_and_a_tidy_folder(tmp_path):
         steelyard.convert(path, path.parent, force=True)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_threads_may_identify_at_the_same_time(tmp_path):
     path = write_small(tmp_path)

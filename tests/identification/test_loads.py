@@ -60,6 +60,7 @@ METHODS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_what_was_added_is_known_better_than_either(method):
     found = estimated(method).loads
@@ -78,6 +79,7 @@ def test_what_was_added_is_known_better_than_either(method):
     assert sigma(difference)[0] < sigma(independent)[0] / 5
 
 
+@pytest.mark.slow
 def test_the_entry_itself_is_that_of_the_first_load():
     found = estimated()
     first = found.loads.estimates["empty"]
@@ -85,6 +87,7 @@ def test_the_entry_itself_is_that_of_the_first_load():
     np.testing.assert_array_equal(found.covariance, first.covariance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["maximum-likelihood", "instrumental-variables"])
 def test_the_order_of_the_loads_does_not_matter(method):
     one, other = estimated(method).loads, estimated(method, order=("with-fork", "empty")).loads
@@ -119,6 +122,7 @@ def test_one_load_is_one_body():
     assert not found.loads.differences
 
 
+@pytest.mark.slow
 def test_a_weighed_body_calibrates_the_force_sensors():
     mass = LOADED.body_parameters[0]
     keys = {"with-fork": (("mass", (mass, 0.01)),)}
@@ -131,6 +135,7 @@ def test_a_weighed_body_calibrates_the_force_sensors():
     assert found["empty"].verdict.parameters["mass"] == "data"
 
 
+@pytest.mark.slow
 def test_what_is_known_is_taken_apart_from_the_readings():
     mass = LOADED.body_parameters[0]
     found = estimated(**{"with-fork": (("mass", (mass, 0.5)),)}).loads.estimates["with-fork"]
@@ -141,6 +146,7 @@ def test_what_is_known_is_taken_apart_from_the_readings():
     assert known["deviation"] == pytest.approx(sigma(alone)[0], rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_body_that_was_weighed_wrongly_is_a_reason_against_all_loads():
     mass = LOADED.body_parameters[0] + 6.0
     found = estimated(**{"with-fork": (("mass", (mass, 0.01)),)}).loads.estimates
@@ -181,6 +187,7 @@ def test_instrumental_variables_compare_least_squares_of_each_load():
         assert np.all(np.abs(each.value - plain.value) < 1.5 * sigma(plain)), name
 
 
+@pytest.mark.slow
 def test_a_run_that_is_held_out_is_predicted_with_its_own_load():
     one = recorded()
     more = Recorder(MOTION, LOADED, following=True)(0, instruments=INSTRUMENTS, runs=("a", "b"))
@@ -193,7 +200,7 @@ def test_a_run_that_is_held_out_is_predicted_with_its_own_load():
 @pytest.mark.slow
 def test_intervals_of_what_was_added_cover():
     z = []
-    for seed in range(20):
+    for seed in range(10):
         (found,) = estimated(seed=seed).loads.differences.values()
         z.append((found.value - ADDED.body_parameters) / sigma(found))
     assert 0.9 < np.mean(np.abs(z) < 1.96) < 0.99
@@ -235,6 +242,7 @@ def loosely(rest=False, seed=0, rigid=False, duration=8.0):
     return replace(empty, runs=tuple(runs), loads=(Load("empty"), Load("swing", rigid=rigid)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["maximum-likelihood", "recursive"])
 def test_of_a_load_that_swings_in_motion_the_mass_is_told(method):
     found = identify(loosely(), method).estimate.loads.estimates
@@ -246,6 +254,7 @@ def test_of_a_load_that_swings_in_motion_the_mass_is_told(method):
     assert abs(swing.value[0] - BODY.mass - 16.0) < 3 * sigma(swing)[0]
 
 
+@pytest.mark.slow
 def test_what_the_swinging_load_weighs_more_is_told_beside_shared_gains():
     (more,) = identify(loosely(), "maximum-likelihood").estimate.loads.differences.values()
     assert more.value[0] == pytest.approx(16.0, abs=3 * sigma(more)[0])
@@ -254,11 +263,13 @@ def test_what_the_swinging_load_weighs_more_is_told_beside_shared_gains():
     assert np.isnan(more.value[1:]).all()
 
 
+@pytest.mark.slow
 def test_a_load_that_swings_is_told_from_a_rigid_one():
     found = identify(loosely(rigid=True), "maximum-likelihood").estimate.loads.estimates
     assert not found["swing"].verdict.accepted
 
 
+@pytest.mark.slow
 def test_at_rest_its_centre_of_gravity_is_told_too():
     found = identify(loosely(rest=True), "maximum-likelihood").estimate.loads.estimates["swing"]
     assert found.verdict.accepted, found.verdict.reasons
@@ -269,6 +280,7 @@ def test_at_rest_its_centre_of_gravity_is_told_too():
     assert off @ np.linalg.solve(found.covariance[:4, :4], off) < 18.5  # one in a thousand
 
 
+@pytest.mark.slow
 def test_two_steps_and_linear_methods_do_not_accept_what_moves():
     alone = identify(loosely(), "two-step").estimate.loads.estimates
     assert "rigid bodies alone" in alone["swing"].verdict.reasons[0]
@@ -277,6 +289,7 @@ def test_two_steps_and_linear_methods_do_not_accept_what_moves():
     assert not found.verdict.accepted
 
 
+@pytest.mark.slow
 def test_what_moves_is_said():
     found = identify(loosely(), "maximum-likelihood").estimate.loads.estimates
     assert any("something moves in it" in note for note in found["swing"].notes)

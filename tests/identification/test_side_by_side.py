@@ -15,6 +15,7 @@ from steelyard.identification.side_by_side import _groups, elsewhere
 pytestmark = pytest.mark.integration
 
 
+@pytest.mark.slow
 def test_estimates_are_the_same():
     methods = ("two-step", "least-squares", "consistent")
     one, two = (identify(simulated(), methods, jobs=jobs) for jobs in (1, 2))
@@ -33,6 +34,7 @@ def test_methods_of_one_fit_stay_together():
     assert _groups([LeastSquares()]) == []
 
 
+@pytest.mark.slow
 def test_errors_are_those_of_the_method():
     methods = [Baseline(InputError("not so")), MaximumLikelihood()]
     with elsewhere(methods, None, estimated, jobs=2) as others:

@@ -20,6 +20,7 @@ def experiments(request):
     return experiment, in_other_frames(experiment)
 
 
+@pytest.mark.slow
 def test_instruments_agree_as_well_in_any_frame(experiments):
     before, after = (inspect(each) for each in experiments)
     assert not before.mistakes

@@ -41,6 +41,7 @@ def cases():
             yield pytest.param(robot, what, marks=marks, id=f"{robot}, {what}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("robot", "what"), list(cases()))
 def test_a_wrong_description_is_rejected_with_what_to_write(robot, what):
     make, wanted = DESCRIPTIONS[what]
@@ -60,6 +61,7 @@ def test_sound_ones_have_nothing_to_change(robot):
     assert check.amendment == ""
 
 
+@pytest.mark.slow
 @pytest.mark.mujoco
 def test_a_motion_that_disturbs_is_in_no_other_unit(tmp_path, monkeypatch):
     # Filters, a hose and jumps on four cables: whatever makes the motion smaller agreed better, and
@@ -98,6 +100,7 @@ def test_a_place_that_is_said_to_be_unknown_is_no_mistake():
     assert not check_description(whole).mistakes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["swapped cables", "quaternion order", "gyro in deg/s"])
 def test_mistakes_are_told_though_places_are_unknown(what):
     make, wanted = DESCRIPTIONS[what]
@@ -118,6 +121,7 @@ def test_the_way_in_is_the_public_one():
     assert steelyard.identify is identify
 
 
+@pytest.mark.slow
 def test_what_cannot_be_right_is_fitted_only_when_asked_for():
     wrong = vector("cables", "tension", 1e-3)(experiment("cogiro"))
     told = identify(wrong).estimates["maximum-likelihood"]
@@ -129,6 +133,7 @@ def test_what_cannot_be_right_is_fitted_only_when_asked_for():
     assert "kN" in anyway.verdict.reasons[0]
 
 
+@pytest.mark.slow
 def test_a_noise_that_is_stated_too_large_leaves_an_estimate():
     """It looks like another unit, or like what somebody has guessed: who knows the one knows the other."""
     four = read_experiment(FOUR)

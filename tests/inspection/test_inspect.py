@@ -60,6 +60,7 @@ def test_the_value_is_plain(whole):
     assert "all instruments agree" in markdown(inspection_document(whole))
 
 
+@pytest.mark.slow
 def test_levels_can_be_set(whole):
     levels = InspectionSettings(
         fitted=1,

@@ -77,6 +77,7 @@ def test_modes_of_small_swings_are_natural_ones():
     np.testing.assert_allclose(found, predicted, rtol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_inspection_names_modes_and_no_mass():
     found = inspect(read_experiment(EXAMPLE))
@@ -91,6 +92,7 @@ def test_inspection_names_modes_and_no_mass():
     assert not found.slack
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_inspection_names_slack_cables_in_a_sentence_and_in_numbers():
     found = inspect(read_experiment(FOUR_CABLES))
@@ -122,6 +124,7 @@ def test_a_winch_that_turned_is_named():
     assert "are said to be locked" in named[0]
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_the_report_shows_spectra_and_no_forces():
     found = identify(read_experiment(EXAMPLE))

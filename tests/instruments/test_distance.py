@@ -175,6 +175,7 @@ def test_it_is_calibrated_beside_the_other_instruments():
     assert float(np.max(found["offset"]["standard_deviation"])) < 0.5 * 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_it_takes_the_place_of_what_the_tracker_does_not_tell():
     # Of three distances to planes square to each other the place follows as from a tracker.

@@ -92,6 +92,7 @@ def received(source, done, seconds=30.0):
     return arrivals, remarks
 
 
+@pytest.mark.slow
 def test_a_controller_that_goes_is_found_again(begin):
     source = open_source(URL, PLAN)
     _, remarks = received(source, lambda a, r: r)

@@ -22,6 +22,7 @@ pytestmark = pytest.mark.integration
 POINTS = DATA / "points-00" / "experiment.yaml"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_end_that_is_asked_for_writes_what_is_known(tmp_path, number):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:

@@ -93,6 +93,7 @@ def connected(arrivals, remarks, refused):
     return any(each.endswith(": connected") for each in remarks)
 
 
+@pytest.mark.slow
 def test_a_server_that_is_killed_is_found_again():
     port = free_port()
     source = open_source(f"opc.tcp://127.0.0.1:{port}", PLAN)
@@ -119,6 +120,7 @@ def test_a_server_that_is_killed_is_found_again():
     assert tension.tolist() == [list(values.values()) for _, values in sent]
 
 
+@pytest.mark.slow
 def test_what_is_no_number_and_what_comes_alone_is_refused():
     port = free_port()
     server = Server(port)
@@ -141,6 +143,7 @@ def test_what_is_no_number_and_what_comes_alone_is_refused():
     assert "expected a reading" in refused[0]
 
 
+@pytest.mark.slow
 def test_nodes_that_a_server_has_not_are_named():
     port = free_port()
     server = Server(port)
@@ -172,6 +175,7 @@ def test_plans_that_name_no_nodes_are_refused(plan, url, said):
         open_source(url, plan)
 
 
+@pytest.mark.slow
 def test_a_port_that_is_taken_is_refused():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -180,6 +184,7 @@ def test_a_port_that_is_taken_is_refused():
             open_sink(f"opc.tcp://127.0.0.1:{taken.getsockname()[1]}")
 
 
+@pytest.mark.slow
 def test_every_number_is_a_node():
     import asyncua
 

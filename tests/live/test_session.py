@@ -61,6 +61,7 @@ def replayed(points, *, lost=(), shuffled=False):
     return session, records
 
 
+@pytest.mark.slow
 def test_a_replay_ends_where_the_recursion_does(points, recursive):
     session, records = replayed(points)
     _, found = session.ended()
@@ -76,6 +77,7 @@ def test_a_replay_ends_where_the_recursion_does(points, recursive):
     assert np.nanmax(records[0].deviation / records[-1].deviation) > 1.2
 
 
+@pytest.mark.slow
 def test_rows_are_in_the_platform_frame_as_it_is_stated(points):
     _, records = replayed(points)
     _, elsewhere = replayed(in_other_frames(points))
@@ -89,6 +91,7 @@ def test_rows_are_in_the_platform_frame_as_it_is_stated(points):
         np.testing.assert_allclose(other.unmodelled[3:], expected, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_row_waits_neither_for_the_past_nor_for_the_verdict(points):
     session, records = replayed(points)
     # What the first row shows has been judged after it.
@@ -102,6 +105,7 @@ def test_a_row_waits_neither_for_the_past_nor_for_the_verdict(points):
     assert after.following.instants[-1] is session.following.instants[-1]
 
 
+@pytest.mark.slow
 def test_a_chunk_that_cannot_leave_the_window_ends_the_motion_before_the_last_one(
     points, monkeypatch
 ):
@@ -131,6 +135,7 @@ def test_samples_out_of_order_tell_the_same(points):
     assert b.value == pytest.approx(a.value, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_after_a_gap_the_motion_is_followed_again(points, recursive):
     session, records = replayed(points, lost=[(9.0, 11.5)])
     _, found = session.ended()
@@ -142,6 +147,7 @@ def test_after_a_gap_the_motion_is_followed_again(points, recursive):
     assert np.all(found.standard_deviation < 1.5 * recursive.standard_deviation)
 
 
+@pytest.mark.slow
 def test_a_robot_that_stands_still_for_long_is_waited_for():
     experiment = rested(24.0)(3)
     settings = replace(LIVE, longest=10.0)
@@ -167,6 +173,7 @@ def test_nothing_is_told_of_nothing(points):
     assert "nothing was told" in found.verdict.reasons[0]
 
 
+@pytest.mark.slow
 def test_a_source_of_datagrams(points, recursive):
     run = points.runs[0]
     plan = replace(points, runs=())
@@ -244,6 +251,7 @@ def test_addresses_of_no_kind_are_refused(points, url):
         open_source(url, points)
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_what_has_passed(points):
     settings = replace(LIVE, parts=4)
     run = points.runs[0]
@@ -261,6 +269,7 @@ def test_memory_does_not_grow_with_what_has_passed(points):
     assert max(own for _, own in sizes[-20:]) < 10 * 238
 
 
+@pytest.mark.slow
 def test_a_payload_that_is_picked_up_is_an_event():
     session, records = replayed(loaded(3, since=6.8))
     (record,) = [each for each in records if each.events]

@@ -63,6 +63,7 @@ def test_the_end_is_an_estimate_as_identify_writes_it(watched):
     assert own["mass"] == pytest.approx(lines[-1]["mass"], abs=0.5)
 
 
+@pytest.mark.slow
 def test_fewer_lines_a_table_and_an_early_end(run, tmp_path):
     out = tmp_path / "live.parquet"
     status, text, _ = run(
@@ -77,6 +78,7 @@ def test_fewer_lines_a_table_and_an_early_end(run, tmp_path):
     assert {"mass", "sigma_mass", "Jxy", "sigma_Jxy"} <= set(table.columns)
 
 
+@pytest.mark.slow
 def test_estimates_are_passed_on(run):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as far:
         far.bind(("127.0.0.1", 0))

@@ -182,6 +182,7 @@ def test_topic_with_and_without_slash(small, name):
         assert one.names == other.names
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize("name", ["json.mcap", "ros2.mcap", "ros1.bag", "old.db3"])
 def test_several_topics(small, name):
@@ -192,6 +193,7 @@ def test_several_topics(small, name):
     assert "expected a topic '/gyro', found /cables" in refused(path, "/gyro")
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize(
     ("name", "what"), [("a.h5", "group"), ("v5.mat", "structure"), ("v73.mat", "structure")]
@@ -346,6 +348,7 @@ def decoded(monkeypatch):
     return count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LONG)
 @pytest.mark.parametrize("column", ["header.stamp", "receive_time"])
 @pytest.mark.integration
@@ -1121,6 +1124,7 @@ def test_noise_behind_the_beginning(small, tmp_path, name):
     assert not attempt(noisy, topic)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_checksums(small, tmp_path, found):
     """What a format can notice, it does: the numbers of an MCAP file are right, or it is
@@ -1273,6 +1277,7 @@ def test_hostile_chunks(tmp_path, compression, size, packed, sentence):
     assert sentence in hostile(path)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_many_small_messages(tmp_path):
     """A few kilobytes that unpack to messages without end."""
@@ -1308,6 +1313,7 @@ def idl(fields):
     return "module a { module msg { struct A {" + fields + "}; }; };"
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize(
     ("form", "definition", "sentence"),
@@ -1410,6 +1416,7 @@ def rosbag_chunk(path, packed, size, compression):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize(
     ("compression", "size", "packed", "sentence"),
@@ -1426,6 +1433,7 @@ def test_hostile_bags(tmp_path, compression, size, packed, sentence):
     assert sentence in hostile(tmp_path / "a.bag", "a")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "sentence"),
     [
@@ -1470,6 +1478,7 @@ def test_hostile_databases(small, tmp_path, script, sentence):
     assert sentence in hostile(tmp_path / "a.db3", "/imu")
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_parts_of_a_bag_are_in_its_folder(small, tmp_path):
     (tmp_path / "secret.db3").write_bytes(small["old.db3"][0].read_bytes())
@@ -1586,6 +1595,7 @@ def odd_names(file):
     file["b\n/x"] = np.arange(3.0)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize(
     ("make", "sentence"),
@@ -1603,6 +1613,7 @@ def test_hostile_hdf5(tmp_path, make, sentence):
     assert sentence in hostile(tmp_path / "a.h5")
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_chunk_that_unpacks_to_more_than_it_is(tmp_path):
     """A chunk of eight kilobytes, by its form, whose packed bytes go on and on."""
@@ -1632,6 +1643,7 @@ def mat_matrix(number, shape, name, *parts):
 MAT_HEADER = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize(
     "content",

@@ -296,6 +296,7 @@ def test_a_column_may_be_called_as_the_file_spells_it(tmp_path):
 LONG_HEADER = "".join(f"# line {i}\n" for i in range(40)) + "t,f1\n\ns,N\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "line"),
     [
@@ -616,6 +617,7 @@ def test_any_table_in_any_dialect_comes_back(tmp_path, file):
                 np.testing.assert_array_equal(log.read([name])[name], values[:, j])
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @settings(EASY, max_examples=150)
 @given(file=files(), data=st.data())
@@ -775,6 +777,7 @@ HOSTILE = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize("content", HOSTILE.values(), ids=HOSTILE.keys())
 def test_harm_is_refused(tmp_path, content):

@@ -54,6 +54,7 @@ def test_one_changed_bit_is_found_wherever_it_is(made):
     assert verify(out).changed == ()
 
 
+@pytest.mark.slow
 def test_every_bit_of_the_record_counts(made):
     out, _ = made
     path = out / "provenance.json"
@@ -92,6 +93,7 @@ def test_a_folder_without_provenance_is_refused(run, tmp_path, place):
     assert "expected a folder" in err
 
 
+@pytest.mark.slow
 def test_results_move_with_what_they_were_made_of(run, made, tmp_path):
     out, small = made
     far = tmp_path / "far" / "away"
@@ -122,6 +124,7 @@ def test_other_numbers_are_found(made, tmp_path):
     assert not compare_numbers(out, other).agrees
 
 
+@pytest.mark.slow
 def test_a_command_that_writes_elsewhere_is_not_followed(run, made, tmp_path):
     out, _ = made
     path = out / "provenance.json"

@@ -372,6 +372,7 @@ def test_identify_with_clocks_found_says_them(experiment):
     assert any(clock.found for clock in evidence.clocks)
 
 
+@pytest.mark.slow
 def test_a_reason_that_methods_share_is_said_once(experiment):
     wrong = replace(experiment, robot=replace(experiment.robot, gravity=-experiment.robot.gravity))
     found = identify_checked(wrong, ["two-step", "maximum-likelihood"])

@@ -42,6 +42,7 @@ def opened(driver, tmp_path_factory):
     return driver
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [400, 1600])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_the_page_is_sound(opened, width, scheme):
@@ -67,6 +68,7 @@ def test_hostile_names_are_text(opened):
     assert f"Run {NAME}" in shown
 
 
+@pytest.mark.slow
 def test_the_keyboard_reaches_all(opened):
     look(opened, width=1600)
     assert_reachable(opened)

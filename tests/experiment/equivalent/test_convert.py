@@ -45,6 +45,7 @@ def assert_same_estimates(one, other):
         np.testing.assert_allclose(there.standard_deviation, here.standard_deviation, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["parquet", "csv"])
 def test_the_estimate_stays_the_same(tmp_path, run, form):
     small = write_small(tmp_path / "small")
@@ -61,6 +62,7 @@ def test_the_estimate_stays_the_same(tmp_path, run, form):
     )
 
 
+@pytest.mark.slow
 def test_a_window_is_kept(tmp_path, run):
     small = write_small(tmp_path / "small")
     small.write_text(small.read_text() + "    window: [0.3, 3.2]\n")

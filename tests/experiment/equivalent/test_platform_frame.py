@@ -34,6 +34,7 @@ def told(request):
     return experiment, identify(experiment, "maximum-likelihood").estimate
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize("frames", FRAMES.values(), ids=FRAMES)
 def test_the_body_is_the_same_in_any_frame(told, frames):
@@ -63,6 +64,7 @@ def test_the_motion_is_that_of_the_origin_as_it_was_stated():
     assert (moved.sigma["position"] > at_origin.sigma["position"].min()).all()
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_what_is_known_of_bodies_is_told_in_the_frame_as_it_is_stated():
     whole = read_experiment(DATA / "rough-robots" / "four-cables-00" / "experiment.yaml")

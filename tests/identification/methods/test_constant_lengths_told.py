@@ -29,6 +29,7 @@ def off(recorded, found):
     return (found.per_mass.value - truth) / found.per_mass.standard_deviation
 
 
+@pytest.mark.slow
 def test_lengths_that_do_not_change_tell_the_inertia_better():
     """Cables that stretch by half a millimetre more and less, which nobody has stated: taken as rigid
     they would make the inertia wrong by many 1-sigma."""
@@ -65,6 +66,7 @@ def test_a_slack_cable_is_shorter_than_it_is_long():
         assert np.ptp(lengths.tension, axis=0).min() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [LeastSquares, Recursive])
 def test_a_motion_that_is_not_there_as_a_whole_says_nothing_of_lengths(method):
     """Held, it would have cables stretch by tensions that do not change; followed, it was lost."""

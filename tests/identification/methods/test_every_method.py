@@ -101,6 +101,7 @@ each_whole_method = pytest.mark.parametrize("method", WHOLE)
 each_sound_problem = pytest.mark.parametrize("name", IDENTIFIABLE)
 
 
+@pytest.mark.slow
 @each_sound_problem
 @each_whole_method
 def test_the_truth_is_within_the_stated_uncertainty(method, name):
@@ -125,6 +126,7 @@ def test_sound_recordings_identify_a_body_by_their_data(method):
     assert set(found.verdict.parameters.values()) == {"data"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PROBLEMS)
 @each_method
 def test_the_covariance_is_one(method, name):
@@ -200,6 +202,7 @@ RECORDED = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "recording"), RECORDED)
 def test_recordings_of_another_simulator(recordings, recorded_truth, method, recording):
     found = METHODS[method](read_experiment(recordings / recording / "experiment.yaml"))

@@ -24,6 +24,7 @@ def truth_of(name):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["three-cables-00", "four-cables-00"])
 @pytest.mark.parametrize(
     "method", ["maximum-likelihood", pytest.param("least-squares", marks=pytest.mark.slow)]

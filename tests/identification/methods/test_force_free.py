@@ -84,6 +84,7 @@ def test_methods_that_need_forces_say_so(recorded):
     assert ForceFree().lack(recorded.experiment) == ""
 
 
+@pytest.mark.slow
 @pytest.mark.mujoco
 def test_moments_at_which_cables_hang_slack_are_left_out():
     # Of MuJoCo, a geometry that is exact: what is left is what the jerks of the cables do.
@@ -101,6 +102,7 @@ def test_moments_at_which_cables_hang_slack_are_left_out():
     assert [f"run 'swing {i}'" in said for i in range(4)] == list(recorded.slack > 0)
 
 
+@pytest.mark.slow
 def test_noise_alone_tells_no_moment_of_inertia():
     still = swings(4, runs=1, seed=1, duration=2.0, noise=(1e-3, 3e-3), geometry=0.0)
     per_mass = ForceFree()(still.experiment).per_mass
@@ -122,6 +124,7 @@ def with_encoders(experiment, noise):
     return replace(experiment, instruments=instruments, runs=tuple(runs))
 
 
+@pytest.mark.slow
 def test_encoders_of_locked_winches_need_not_scatter_as_their_noise_says():
     swung = swings(3, runs=3, seed=5, duration=6.0)
     found = MaximumLikelihood()(with_encoders(swung.experiment, 0.002))
@@ -174,6 +177,7 @@ def test_swings_as_a_laboratory_records_them(real):
     assert chi / 9 < 2.5
 
 
+@pytest.mark.slow
 def test_short_swings_on_four_cables_do_not_contradict_each_other():
     # Where a run tells hardly anything, its scores are curvature of the model as much as readings.
     recorded = record(Laboratory(cables=4, runs=4, duration=4.0), [77, 4, 0])

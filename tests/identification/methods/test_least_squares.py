@@ -135,6 +135,7 @@ def test_errors_that_were_drawn_are_found(recordings, of_the_paper):
             assert np.abs(off).max() < 4.5
 
 
+@pytest.mark.slow
 def test_ideal_sensors_of_another_simulator(recordings, recorded_truth):
     # Every eighth sample: 31 Hz are plenty for the motion, and quick. Two simulators differ by more
     # than no noise at all, and what nothing explains is not looked for.
@@ -192,6 +193,7 @@ def test_gyro_accelerometer_or_tracker_may_be_missing(name, quantity):
     assert np.sum(ratio > 0.95) >= 6
 
 
+@pytest.mark.slow
 def test_several_runs_tell_more_than_one():
     one, two = METHOD.of(studied(0)), METHOD.of(pair_studied())
     assert two.verdict.accepted, two.verdict.reasons
@@ -314,6 +316,7 @@ def test_attitudes_at_rest_tell_mass_and_centre_of_gravity():
     assert np.sqrt(np.mean(np.square(errors))) < 1.5
 
 
+@pytest.mark.slow
 def test_poses_at_rest_help_a_motion():
     recorder = moving([1, 1, 1, 0, 0, 1.2])
     motion = recorder(3)

@@ -310,6 +310,7 @@ def test_encoders_that_stand_still_tell_neither_their_noise_nor_their_time():
     assert moving[parameters.place("tracker", "delay", run)].all()
 
 
+@pytest.mark.slow
 def test_several_runs_share_the_body():
     both = METHOD(pair())
     alone = METHOD(replace(pair(), runs=pair().runs[:1]))
@@ -372,6 +373,7 @@ def test_kuka_baseline(examples):
     assert estimate.verdict.accepted, estimate.verdict.reasons
 
 
+@pytest.mark.slow
 def test_it_is_the_default_and_writes_the_motion(run, recordings, tmp_path):
     assert (
         run(
@@ -418,6 +420,7 @@ def test_what_the_two_steps_cannot_do_does_not_stop_the_others():
     assert np.isfinite(found.estimates["maximum-likelihood"].value[0])
 
 
+@pytest.mark.slow
 def test_ideal_sensors_are_told_exactly():
     estimate = METHOD(
         RECORDER(0, instruments={k: changed(v, rate=100.0) for k, v in IDEAL.items()})

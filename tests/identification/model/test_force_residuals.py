@@ -370,6 +370,7 @@ def as_tension(found, readings):
     ) / gains(found)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize("force", ["platform end", "winch end"])
 def test_readings_are_corrected_as_a_constrained_least_squares_problem_has_it(force):

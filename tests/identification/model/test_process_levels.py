@@ -174,6 +174,7 @@ def prior():
     return np.eye(2) / PRIOR**2, np.zeros(2)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_parameters_beside_them_are_integrated_out():
     # What the parameters do is no process, however wrong they are.

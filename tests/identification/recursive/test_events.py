@@ -38,6 +38,7 @@ def test_a_payload_is_found_when_and_as_it_is(followed):
     assert error @ np.linalg.solve(last.covariance, error) < 30.0
 
 
+@pytest.mark.slow
 def test_both_loads_are_what_the_recording_cut_in_two_tells(followed):
     found = drawn(Recursive().of, posterior_of(followed))
     whole = loaded(3, since=6.8)
@@ -58,6 +59,7 @@ def test_both_loads_are_what_the_recording_cut_in_two_tells(followed):
     assert found.verdict.accepted
 
 
+@pytest.mark.slow
 def test_a_payload_that_is_put_down_slowly_is_one_event():
     *_, last = follow(loaded(4, since=6.0, within=1.2, mass=8.0))
     (event,) = last.events
@@ -69,6 +71,7 @@ def test_a_payload_that_is_put_down_slowly_is_one_event():
     assert sigma < 0.2
 
 
+@pytest.mark.slow
 def test_a_hand_is_no_load():
     *_, last = follow(RECORDER(5, touched=True))
     (event,) = last.events
@@ -80,6 +83,7 @@ def test_a_hand_is_no_load():
     assert error @ np.linalg.solve(found.covariance, error) < 30.0
 
 
+@pytest.mark.slow
 def test_where_nothing_happens_the_bodies_of_chunks_differ_as_noise_has_it():
     seen = []
     for found in follow(RECORDER(6)):

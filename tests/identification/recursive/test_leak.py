@@ -57,6 +57,7 @@ def test_sand_that_runs_out_is_followed(followed):
         assert error @ np.linalg.solve(each.covariance, error) < 35.0  # chi-square of ten, .9999
 
 
+@pytest.mark.slow
 def test_the_estimate_is_that_of_the_end_and_accepted():
     found = identify(replace(run_out(), mass_walk=WALK))
     assert found.result == "recursive"
@@ -67,12 +68,14 @@ def test_the_estimate_is_that_of_the_end_and_accepted():
     assert any("walks at random by 0.5 kg/sqrt(s)" in note for note in estimate.notes)
 
 
+@pytest.mark.slow
 def test_without_the_walk_it_is_wrong():
     estimate = identify(run_out(), "recursive").estimate
     error = estimate.value[0] - body_with(-3.0)[0]
     assert abs(error) > 3 * estimate.standard_deviation[0]
 
 
+@pytest.mark.slow
 def test_a_walk_of_next_to_nothing_is_none():
     one, other = (
         identify(replace(sound(2), mass_walk=walk), "recursive").estimate for walk in (0.0, 1e-6)
@@ -82,6 +85,7 @@ def test_a_walk_of_next_to_nothing_is_none():
     np.testing.assert_allclose(other.standard_deviation, one.standard_deviation, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_mass_that_is_known_in_the_beginning_is_forgotten():
     known = {"mass": (BODY.mass, 0.05)}
     experiment = replace(run_out(), mass_walk=WALK, known=known)
@@ -94,6 +98,7 @@ def test_a_mass_that_is_known_in_the_beginning_is_forgotten():
     assert estimate.verdict.accepted, estimate.verdict.reasons
 
 
+@pytest.mark.slow
 def test_it_does_not_become_as_sure_as_one_likes(followed):
     # At rest nothing of the window is at hand any more: the motion has ended.
     *_, before, last = follow(replace(run_out(), mass_walk=WALK))
@@ -121,6 +126,7 @@ def streamed(experiment, lost=(0.0, 0.0)):
     return records, run.sync["cables"]
 
 
+@pytest.mark.slow
 def test_a_stream_says_the_same_as_the_recording(followed):
     records, origin = streamed(replace(run_out(), mass_walk=WALK))
     last = records[-1]
@@ -132,6 +138,7 @@ def test_a_stream_says_the_same_as_the_recording(followed):
     assert last.deviation[0] == pytest.approx(sigma, rel=0.1)
 
 
+@pytest.mark.slow
 def test_after_a_gap_it_is_followed_again():
     records, origin = streamed(replace(run_out(), mass_walk=WALK), lost=(7.0, 8.5))
     times = np.array([each.time - origin for each in records])
@@ -143,6 +150,7 @@ def test_after_a_gap_it_is_followed_again():
     assert np.abs((masses - true) / sigmas).max() < 3.5
 
 
+@pytest.mark.slow
 def test_a_payload_is_found_beside_a_walk():
     *_, last = follow(replace(loaded(3, since=6.8), mass_walk=0.05))
     (event,) = last.events
@@ -179,6 +187,7 @@ def test_methods_for_which_a_mass_stays_are_refused(method):
         identify(experiment, ["recursive", method])
 
 
+@pytest.mark.slow
 def test_all_methods_are_those_that_can():
     assert list(identify(replace(run_out(), mass_walk=WALK), "all").estimates) == ["recursive"]
 
@@ -192,9 +201,9 @@ def test_nothing_tells_how_long_it_took_from_one_run_to_the_next():
 
 @pytest.mark.slow
 def test_errors_are_as_large_as_is_stated():
-    """Over twenty masses that walk at random: 95 % intervals of mass and chi-square of all ten."""
+    """Over ten masses that walk at random: 95 % intervals of mass and chi-square of all ten."""
     off, chi = [], []
-    for seed in range(20):
+    for seed in range(10):
         times, masses = walking(1000 + seed, WALK, LENGTH)
         *_, last = follow(replace(leaking(seed, times, masses), mass_walk=WALK))
         for each in last.instants[-12::4]:
@@ -202,7 +211,7 @@ def test_errors_are_as_large_as_is_stated():
             off.append(error[0] / np.sqrt(each.covariance[0, 0]))
             chi.append(error @ np.linalg.solve(each.covariance, error) / 10)
     covered = np.mean(np.abs(off) < 1.96)
-    # Three instants of each, hardly independent: within three 1-sigma of twenty drawings.
+    # Three instants of each, hardly independent: within three 1-sigma of ten drawings.
     assert 0.8 < covered <= 1.0
     assert 0.7 < np.mean(chi) < 1.3
     assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.5

@@ -192,6 +192,7 @@ def points():
     return read_experiment(DATA / "points-00" / "experiment.yaml")
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_all_chunks_say_what_the_same_readings_say_at_once(points):
     # So long a beginning that nothing moves afterwards: both are linearised alike.
@@ -236,6 +237,7 @@ def test_all_chunks_say_what_the_same_readings_say_at_once(points):
     assert sum(p.equations.freedom for p in parts) == expected.equations.freedom
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_the_end_of_a_recording_is_known_as_by_the_whole_fit(points):
     found = identify(points, ["maximum-likelihood", "recursive"])
@@ -258,6 +260,7 @@ def without(experiment, names, start, end):
     return replace(experiment, runs=(replace(run, streams=streams),))
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize(
     ("lost", "start", "end"),
@@ -283,6 +286,7 @@ def test_a_motion_goes_on_after_seconds_that_were_not_read(points, lost, start, 
     assert any("not all instruments read" in note for note in one.notes) == again
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_it_begins_where_all_instruments_read(points):
     there = without(points, ("tracker",), 0.0, 6.0)
@@ -307,6 +311,7 @@ def test_it_does_not_wait_for_a_command(points):
     assert "command" in run.streams
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_what_is_known_grows_with_time(points):
     instants = None
@@ -317,6 +322,7 @@ def test_what_is_known_grows_with_time(points):
     assert np.all(sigmas[-1] < 0.9 * sigmas[len(sigmas) // 3])
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_parts_that_are_summed_up_tell_the_same(points):
     *_, found = follow(points)
@@ -364,6 +370,7 @@ def test_what_is_judged_meanwhile_is_what_has_passed(points):
     assert whole[0, 0] > 1.05 * told[0, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_what_readings_bring_is_kept_once_for_all_parts(points):
     found = begin(points)
@@ -414,6 +421,7 @@ def test_another_run_is_as_noisy_as_it_is(points):
     assert sigma(resumed) == pytest.approx(0.004, rel=0.25)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize("rest", [7.0, 20.0])
 def test_a_motion_may_begin_after_a_rest(rest):
@@ -424,6 +432,7 @@ def test_a_motion_may_begin_after_a_rest(rest):
     assert one.standard_deviation == pytest.approx(other.standard_deviation, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_a_platform_that_begins_to_vibrate_is_followed_on_finer_knots():
     experiment = vibrating(8.0)(5)
@@ -440,6 +449,7 @@ def test_a_platform_that_begins_to_vibrate_is_followed_on_finer_knots():
     assert found.standard_deviation == pytest.approx(whole.standard_deviation, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_a_motion_that_finer_knots_lose_goes_on_upon_those_that_there_are(monkeypatch):
     def lost(*_):

@@ -167,6 +167,7 @@ def test_of_a_sound_recording_nothing_is_left_out(sound):
     assert not any(part.force_samples.left_out.any() for part in sound.parts)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize(("share", "most"), [(0.01, 0.5), (0.03, 2.0)])
 def test_spikes_of_forces_move_nothing(points, sound, share, most):
@@ -180,6 +181,7 @@ def test_spikes_of_forces_move_nothing(points, sound, share, most):
     assert ratio < 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_spikes_are_counted_in_estimate_and_notes(points):
     found, _ = spiked(points, "cables", "tension", 0.01, 300.0)
@@ -192,6 +194,7 @@ def test_spikes_are_counted_in_estimate_and_notes(points):
     assert "numbers of imu, specific force, stand alone" in " ".join(estimate.notes)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize(
     ("quantity", "size", "seed"), [("specific_force", 5.0, 4), ("angular_velocity", 0.5, 6)]
@@ -206,6 +209,7 @@ def test_spikes_of_an_imu_move_little(points, sound, quantity, size, seed):
     assert {name for _, (name, _) in last.recursion.alone} == {"imu"}
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_a_payload_is_noticed_among_spikes():
     recording = loaded(3, since=6.8)
@@ -229,6 +233,7 @@ def jumped(experiment, *spans, by=(0.02, -0.015, 0.018)):
     return replace(experiment, runs=(replace(run, streams={**run.streams, "tracker": stream}),))
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_a_tracker_that_jumps_is_left_out_for_as_long(points, sound):
     # Across the end of a chunk, longer than one, and while the beginning is fitted.
@@ -255,6 +260,7 @@ def lost_once(monkeypatch, since):
     monkeypatch.setattr(Following, "arrived", arrived)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize(
     ("since", "where"), [(7.0, " to "), (SECONDS - 0.8, " s on, ")], ids=["midway", "at the end"]
@@ -269,6 +275,7 @@ def test_a_motion_that_cannot_be_followed_ends_and_begins_again(points, monkeypa
     assert where in note
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_where_little_can_be_followed_it_is_said(points, monkeypatch):
     def arrived(before, run):

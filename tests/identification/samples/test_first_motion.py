@@ -46,6 +46,7 @@ def recording(seed, **instruments):
     return replace(whole, runs=(replace(run, streams=streams),))
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize("name", sorted(SETS.keys() - {"tracker alone"}))
 def test_poses_are_found_in_any_frame(name):

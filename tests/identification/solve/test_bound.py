@@ -391,6 +391,7 @@ def test_no_estimate_is_surer_than_the_bound(seed):
     assert np.all(ratio < 1.4), ratio
 
 
+@pytest.mark.slow
 def test_ideal_sensors_leave_next_to_no_uncertainty():
     suite = {name: changed(each, rate=50.0) for name, each in IDEAL.items()}
     bound = fit_with_held_motion(RECORDER(0, instruments=suite)).bound
@@ -398,6 +399,7 @@ def test_ideal_sensors_leave_next_to_no_uncertainty():
     assert np.all(bound.standard_deviation < 0.1)
 
 
+@pytest.mark.slow
 def test_poses_at_rest_add_to_it():
     poses = CENTER + np.random.default_rng(1).uniform(-1, 1, (40, 6)) * REACH
     experiment = RECORDER(1)

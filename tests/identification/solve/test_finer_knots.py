@@ -23,6 +23,7 @@ def fitted(experiment, method):
     return method.drawn(posterior), spacing
 
 
+@pytest.mark.slow
 def test_precise_forces_are_followed_on_finer_knots():
     experiment = RECORDER(3, instruments=PRECISE)
     before, wide = fitted(experiment, ON_ITS_KNOTS)

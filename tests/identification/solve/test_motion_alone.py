@@ -322,6 +322,7 @@ def test_what_says_nothing_keeps_its_prior_exactly(recorder):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_all_clocks_together_tell_no_time(recorder):
     # Only differences of clocks are told; a motion that happens later looks the same.
@@ -411,6 +412,7 @@ def stated_readings(pose, rate, acceleration, errors, robot, instruments):
 # Noise, spikes, ideal data
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize("quantity", ["angular_velocity", "specific_force", "orientation"])
 def test_noise_of_twice_the_stated_size_is_noticed(recorder, quantity):
@@ -550,6 +552,7 @@ def test_a_pose_and_a_gyro_tell_the_clock_between_them(recorder):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_several_runs_share_what_is_constant_and_have_clocks_of_their_own(recorder):
     experiment, drawn = recorder(9, runs=("one", "two"))

@@ -52,6 +52,7 @@ def test_intervals_are_true(which):
     assert low < total < high
 
 
+@pytest.mark.slow
 def test_what_is_stated_is_there_where_the_motion_is_held():
     own = {**PAPER, **STATED["an attitude that follows the accelerometer"]}
     found = LeastSquares()(RECORDER(1, instruments=own))
@@ -75,6 +76,7 @@ def test_what_is_stated_is_there_with_its_level():
     assert walk.sizes[:2].max() < 0.5 * walk.sizes[2]
 
 
+@pytest.mark.slow
 def test_a_stated_unmodelled_wrench_widens_and_does_not_bias():
     experiment = sound(2)
     stated = Surroundings.model_validate({"unmodelled": {"force": 5.0, "torque": 2.0, "time": 0.5}})

@@ -32,6 +32,7 @@ def recorded():
     return RECORDER(3)
 
 
+@pytest.mark.slow
 def test_windows_tell_what_the_whole_tells(recorded):
     whole, by_windows = fit_jointly(recorded), fit_jointly(recorded, settings=WINDOWS)
     assert len(whole.fit.state.segments) == 1
@@ -45,6 +46,7 @@ def test_windows_tell_what_the_whole_tells(recorded):
     assert other.verdict.accepted, other.verdict.reasons
 
 
+@pytest.mark.slow
 def test_the_motion_of_all_windows_is_there(recorded):
     whole, by_windows = fit_jointly(recorded), fit_jointly(recorded, settings=WINDOWS)
     (motion,) = whole.motion
@@ -74,6 +76,7 @@ def test_a_hand_in_any_window_is_found(recorded):
     assert end > start
 
 
+@pytest.mark.slow
 def test_a_load_that_is_picked_up_after_the_part_is_in_the_verdict(recorded):
     loaded = replace(RECORDER)
     loaded.__dict__["response"] = Loaded(RECORDER.response, payload(8.0), since=26.0)
@@ -83,6 +86,7 @@ def test_a_load_that_is_picked_up_after_the_part_is_in_the_verdict(recorded):
     assert not found.verdict.accepted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("small", "passes"), [(1e-3, 2), (WINDOWS.small_step, 1)])
 def test_a_step_that_is_far_is_taken_again(recorded, small, passes):
     """Each pass is about what the one before has found; it ends where it hardly moves."""
@@ -104,6 +108,7 @@ def without(experiment, name, start, end):
     return replace(experiment, runs=(replace(run, streams={**run.streams, name: stream}),))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fitted", [fit_jointly, fit_with_held_motion])
 @pytest.mark.parametrize("lost", ["tracker", "imu", "cables"])
 def test_windows_that_tell_nothing_are_left_out_with_a_note(recorded, lost, fitted):
@@ -120,6 +125,7 @@ def test_windows_that_tell_nothing_are_left_out_with_a_note(recorded, lost, fitt
     assert not np.any((time > 12.5) & (time < 27.5))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fitted", [fit_jointly, fit_with_held_motion])
 def test_processes_tell_what_one_tells(recorded, fitted):
     """One of the windows tells nothing."""
@@ -139,6 +145,7 @@ def test_processes_tell_what_one_tells(recorded, fitted):
         np.testing.assert_allclose(b.values["position"], a.values["position"], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_identify_gives_its_processes_to_the_windows(recorded, monkeypatch):
     asked = []
 
@@ -152,6 +159,7 @@ def test_identify_gives_its_processes_to_the_windows(recorded, monkeypatch):
     assert asked == [3, 2]
 
 
+@pytest.mark.slow
 def test_a_killed_process_is_no_window_that_tells_nothing(recorded):
     part = fit_jointly(recorded)
     task = motion_task(read(recorded, None, lambda what, done: None))
@@ -178,6 +186,7 @@ class Interrupted:
         return self.trajectory.derivative(np.where(first, t, again), order)
 
 
+@pytest.mark.slow
 def test_a_platform_may_rest_for_a_while():
     """Its windows are left out with a note."""
     trajectory = Interrupted(feasible_multisine(ROBOT, 12.0), 16.0)

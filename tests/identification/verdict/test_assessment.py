@@ -89,6 +89,7 @@ def test_sound_recordings_have_no_reasons_against_them():
         assert reasons(studied(seed)) == []
 
 
+@pytest.mark.slow
 def test_sound_recordings_of_several_runs_and_poses_have_none_either():
     experiment = RECORDER(7, runs=("a", "b"))
     poses = RECORDER.command.trajectory.derivative(np.linspace(3, 9, 10), 0)
@@ -106,6 +107,7 @@ def moved(experiment, key, cable, axis, size):
     return replace(experiment, robot=replace(experiment.robot, **{key: points}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "cable", "axis"), [("attachments", 2, 0), ("attachments", 6, 2), ("anchors", 4, 2)]
 )
@@ -120,6 +122,7 @@ def test_a_cable_that_is_fixed_elsewhere_is_found_with_its_size(key, cable, axis
     assert "measure this" in test.proposal
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late", [0.01, -0.01])
 def test_forces_that_are_late_by_themselves_are_found_with_their_size(late):
     experiment = sound(2)
@@ -138,6 +141,7 @@ def test_forces_that_are_late_by_themselves_are_found_with_their_size(late):
     assert "'sync' and 'clock'" in test.proposal
 
 
+@pytest.mark.slow
 def test_a_gain_that_was_stated_exactly_and_is_not_is_found():
     experiment = with_stream(
         sound(3),
@@ -150,6 +154,7 @@ def test_a_gain_that_was_stated_exactly_and_is_not_is_found():
     assert "gain and unit" in test.proposal
 
 
+@pytest.mark.slow
 def test_an_error_far_outside_its_prior_is_found():
     strict = {**PAPER, "imu": changed(PAPER["imu"], calibration={"accelerometer_bias": 0.01})}
     off = with_stream(
@@ -218,6 +223,7 @@ WRONG = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", WRONG)
 def test_what_is_wrong_is_rejected_and_the_reason_says_what_to_do(name):
     change, said = WRONG[name]
@@ -227,6 +233,7 @@ def test_what_is_wrong_is_rejected_and_the_reason_says_what_to_do(name):
     assert ("exchanged" in text) == ("swapped" in name)
 
 
+@pytest.mark.slow
 def test_late_forces_are_taken_for_filtered_ones_and_estimates_stay_true():
     posterior = fit_with_held_motion(late(sound(4), 0.02))
     error = found_errors(posterior)[f"cables.{TIME_CONSTANT}"]
@@ -237,18 +244,21 @@ def test_late_forces_are_taken_for_filtered_ones_and_estimates_stay_true():
     assert off @ np.linalg.solve(found.covariance, off) < chi2.isf(1e-3, 10)
 
 
+@pytest.mark.slow
 def test_early_forces_are_no_filter_and_said_to_be_early():
     found, text = verdict(late(sound(4), -0.02))
     assert not found.accepted
     assert f"cables.{TIME_CONSTANT}" in text, text
 
 
+@pytest.mark.slow
 def test_a_hand_on_the_platform_is_noticed():
     found, text = verdict(RECORDER(5, touched=True))
     assert not found.accepted
     assert "whether anything touched the platform" in text
 
 
+@pytest.mark.slow
 def test_a_noise_far_smaller_than_stated_is_noticed():
     found, text = verdict(with_stated_noise(sound(0), 50.0))
     assert not found.accepted
@@ -278,6 +288,7 @@ def test_forces_in_decanewtons_with_no_noise_stated_need_a_nominal_body(nominal)
         assert "check the unit of the forces" in text
 
 
+@pytest.mark.slow
 def test_runs_with_another_payload_contradict_each_other():
     heavy = recorder_of(
         Inertia(BODY.mass + 15.0, BODY.center_of_gravity + 0.05 * np.eye(3)[2], BODY.inertia * 1.1)
@@ -336,6 +347,7 @@ def test_an_error_that_no_device_has_is_a_reason_even_where_the_estimate_does_no
     assert said.startswith("imu.accelerometer_scale x seems to be off by -0.12")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.02, 0.3])
 def test_only_what_nobody_has_stated_can_be_implausible(share):
     experiment = sound(0)

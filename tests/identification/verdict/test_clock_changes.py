@@ -30,6 +30,7 @@ def set_later(experiment, name, size):
     return replace(experiment, runs=(replace(run, streams={**run.streams, name: moved}),))
 
 
+@pytest.mark.slow
 def test_changes_of_delays_in_sound_recordings_are_standard_normal():
     z = np.array([[test.z for test in delay_changes(studied(seed))] for seed in SEEDS])
     # Neighbouring bounds go together, and so do the clocks: some ten independent numbers a recording.
@@ -65,6 +66,7 @@ def test_a_clock_that_was_set_a_little_is_found_with_its_size(size):
     assert named.owners in {("imu",), ("tracker",)}
 
 
+@pytest.mark.slow
 def test_an_estimate_across_it_is_rejected_and_two_runs_are_accepted():
     late = set_later(sound(3), "tracker", 0.05)
     verdict = identify(late, ["maximum-likelihood"]).estimate.verdict

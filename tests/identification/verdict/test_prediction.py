@@ -61,6 +61,7 @@ def test_another_payload_is_not_predicted(prediction, loaded):
     assert upward > 10 * np.linalg.norm(prediction.error[:3])
 
 
+@pytest.mark.slow
 def test_forces_that_are_held_out_are_not_looked_at(experiment):
     runs = experiment.runs
     stream = runs[1].streams["cables"]

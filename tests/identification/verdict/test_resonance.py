@@ -90,6 +90,7 @@ def test_no_resonance_stands_between_two_frequencies(kind, duration):
         assert seen(swings, [followed(each, min(kind.damping)) for each in near]) > 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mass", "length"), [(4.0, 0.6), (3.0, 1.5)])
 def test_a_load_on_a_string_is_named(mass, length):
     posterior = fit_jointly(withstood(sound(0), on_a_string(mass, length)))
@@ -103,6 +104,7 @@ def test_a_load_on_a_string_is_named(mass, length):
     )
 
 
+@pytest.mark.slow
 def test_a_mass_that_is_known_is_not_moved():
     """A load that swings moves what the readings tell, not what a scale has told."""
     swinging = withstood(sound(0), on_a_string(4.0, 0.6))
@@ -191,6 +193,7 @@ def test_a_platform_that_rings_freely_is_one_body(seed):
     assert resonance(fit_jointly(late)) is None
 
 
+@pytest.mark.slow
 def test_a_few_seconds_do_not_hide_a_load_on_a_string():
     experiment = withstood(sound(0), on_a_string(4.0, 0.9))
     (run,) = experiment.runs

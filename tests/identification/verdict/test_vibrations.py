@@ -35,6 +35,7 @@ def test_a_vibration_above_the_motion_is_noise():
     assert "0.57 m/s^2" in note
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize(
     "wrong",
@@ -62,6 +63,7 @@ def humming(experiment, frequency, size):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_forces_that_hum_are_noisy_and_no_sensor_reads_another():
     """A common hum is akin in all cables: what one reads of another would explain it."""
@@ -74,6 +76,7 @@ def test_forces_that_hum_are_noisy_and_no_sensor_reads_another():
     assert "sampled as that" in note
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_forces_that_depart_at_the_frequencies_of_the_motion_do_not_hum():
     found = MaximumLikelihood()(humming(sound(1), 0.4, 25.0))

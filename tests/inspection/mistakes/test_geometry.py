@@ -73,6 +73,7 @@ WAYS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", WAYS)
 @pytest.mark.parametrize("name", ["cogiro", "four cables"])
 @pytest.mark.parametrize("forces", [True, False])

@@ -49,6 +49,7 @@ def test_the_gyro_is_blamed_for_its_own_mistake_alone():
     assert "angular velocity of imu" in mistake.evidence
 
 
+@pytest.mark.slow
 def test_two_mistakes_are_both_named():
     twice = MISTAKES["tensions in daN"].make(
         vector("imu", "angular_velocity", 180 / np.pi)(sound(1))

@@ -212,6 +212,7 @@ def test_dark_and_narrow(opened):
     assert_sound(opened)
 
 
+@pytest.mark.slow
 def test_on_paper_all_is_drawn_and_light(driver, written):
     """What was not yet in view too; afterwards the screen is as before."""
     open_page(driver, written, scheme="dark")
@@ -256,6 +257,7 @@ def test_without_scripts_tables_are_there(driver, written):
         driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})
 
 
+@pytest.mark.slow
 def test_names_stay_text(driver, tmp_path):
     document, names = hostile()
     (tmp_path / "h.html").write_text(page(document), encoding="utf-8")

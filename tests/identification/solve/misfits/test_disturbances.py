@@ -63,12 +63,14 @@ def are_covered(estimates):
     return low < sum(map(squared_error, estimates)) < high
 
 
+@pytest.mark.slow
 def test_where_nothing_is_asked_for_nothing_is_tried():
     for seed in SEEDS[:3]:
         found = fit_jointly(sound(seed))
         assert not any(each.processes for each in found.fit.state.segments)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", [FitSettings(), FitSettings(long=10.0, window=10.0)])
 def test_a_held_motion_takes_up_what_its_instruments_ask_for(settings):
     # Also where a long recording is looked at window by window.
@@ -100,6 +102,7 @@ def filtered(experiment, constant):
     )
 
 
+@pytest.mark.slow
 def test_forces_over_a_held_motion_ask_for_what_good_devices_do_not_have():
     posterior = fit_with_held_motion(filtered(sound(2), 0.04))
     errors = found_errors(posterior)
@@ -148,6 +151,7 @@ def in_colour(experiment, seed):
     return with_stream(experiment, "cables", lambda v: {"tension": v["tension"] + noise})
 
 
+@pytest.mark.slow
 def test_coloured_noise_of_tensions_is_neither_a_wrench_nor_what_else_imitates_it():
     posterior = fit_jointly(in_colour(sound(3), 3))
     (segment,) = posterior.fit.state.segments

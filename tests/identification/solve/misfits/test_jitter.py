@@ -42,6 +42,7 @@ def test_it_is_found_and_intervals_stay_true():
     assert low < total < high
 
 
+@pytest.mark.slow
 def test_stamps_that_do_not_scatter_are_not_taken_to():
     for seed in range(3):
         assert fit_jointly(sound(seed)).fit.state.jitters == {}

@@ -32,6 +32,7 @@ def behind(experiment):
     return {key: found[key]["value"] for key in ("latency", "time_constant") if key in found}
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_late_forces_are_late(sound):
     """Where the readings hardly tell late from filtered, both may be there, and the body has the
@@ -42,6 +43,7 @@ def test_late_forces_are_late(sound):
     assert sum(found.values()) == pytest.approx(LATE, abs=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize("constant", [0.02, 0.05])
 def test_filtered_forces_are_filtered(sound, constant):
