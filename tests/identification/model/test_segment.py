@@ -286,6 +286,40 @@ def some_costs(rng, functions, width, count=2):
     ]
 
 
+@pytest.mark.parametrize("touched", [(4,), (0, 2, 9), (0, 1, 2, 3, 4, 5, 6, 7, 8), range(10)])
+@pytest.mark.parametrize("functions", [9, 40])
+def test_rows_that_depend_on_few_coefficients_give_what_all_of_them_would(rng, functions, touched):
+    # A pose and three processes beside it.
+    block, instants, k = 10, functions - DEGREE, 3
+    first = np.sort(rng.integers(0, instants, 5 * functions))
+    n = len(first)
+    by_motion = np.zeros((n, k, DEGREE + 1, block))
+    by_motion[..., list(touched)] = rng.normal(size=(n, k, DEGREE + 1, len(touched)))
+    part = Rows(
+        first,
+        rng.normal(size=(n, k)),
+        by_motion.reshape(n, k, -1),
+        rng.normal(size=(n, k, 2)),
+        columns=np.array([0, 3]),
+    )
+    full = np.zeros((n, k, functions * block + BORDER))
+    for sample, start in enumerate(first * block):
+        full[sample, :, start : start + block * (DEGREE + 1)] = part.by_motion[sample]
+    full[:, :, [functions * block, functions * block + 3]] = part.by_errors
+    J = full.reshape(n * k, -1)
+    found = accumulate(functions, BORDER, [part], width=block * (DEGREE + 1), block=block)
+    matrix, gradient, size = J.T @ J, -J.T @ part.residual.ravel(), functions * block
+    expected = in_band(matrix[:size, :size], block * (DEGREE + 1))
+    np.testing.assert_allclose(found.band, expected, atol=ROUNDING * np.abs(matrix).max())
+    for own, dense in (
+        (found.side, matrix[:size, size:]),
+        (found.corner, matrix[size:, size:]),
+        (found.motion_gradient, gradient[:size]),
+        (found.border_gradient, gradient[size:]),
+    ):
+        np.testing.assert_allclose(own, dense, atol=ROUNDING * np.abs(matrix).max())
+
+
 @pytest.fixture(
     params=[(WIDTH, f) for f in LENGTHS] + [(POSE, 1), (POSE, 8)],
     ids=lambda p: f"width {p[0]} of {p[1]}",

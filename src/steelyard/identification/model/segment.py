@@ -317,6 +317,8 @@ _NUMBERS = 1 << 22
 """In these products, at most."""
 _FEW = 16
 """Instants that are fewer than the columns of what one of them depends on."""
+_MOST_TOUCHED = 0.75
+"""Part of the coefficients that rows may depend on for the others to be left out."""
 
 
 def accumulate(
@@ -338,16 +340,19 @@ def accumulate(
     """
     size = functions * block
     parts: dict[Label, Array] = {}
-    side = np.zeros((size, border))
+    side = np.zeros((functions, block, border))
     corner, by_motion, by_border = (
         np.zeros((border, border)),
         np.zeros((functions, block)),
         np.zeros(border),
     )
     for part in rows:
-        own_width = part.by_motion.shape[2]
-        band = parts.setdefault(part.label, np.zeros((own_width, size)))
+        band = parts.setdefault(part.label, np.zeros((part.by_motion.shape[2], size)))
         columns = np.arange(border) if part.columns is None else part.columns
+        own_block, by_touched = np.arange(block), part.by_motion
+        if functions > _FEW:
+            own_block, by_touched = _touched(part.by_motion, block)
+        own_width = by_touched.shape[2]
         first, order = part.first, None
         if len(first) and np.any(np.diff(first) < 0):
             order = np.argsort(first, kind="stable")
@@ -361,24 +366,40 @@ def accumulate(
             origin, last = int(first[span.start]), int(first[span.stop - 1])
             own = span if order is None else order[span]
             together = np.concatenate(
-                [part.by_motion[own], part.by_errors[own], part.residual[own, :, None]], axis=2
+                [by_touched[own], part.by_errors[own], part.residual[own, :, None]], axis=2
             )
             products = _products(together, first[span] - origin, last - origin + 1)
-            _scatter(band, products, origin, block)
-            count, reach = last - origin + 1, own_width // block
-            across = np.zeros((count + reach - 1, block, len(columns) + 1))
+            _scatter(band, products, origin, block, own_block)
+            count, reach = last - origin + 1, own_width // len(own_block)
+            across = np.zeros((count + reach - 1, len(own_block), len(columns) + 1))
             for function in range(reach):
-                own = slice(function * block, (function + 1) * block)
+                own = slice(function * len(own_block), (function + 1) * len(own_block))
                 across[function : function + count] += products[:, own, own_width:]
-            target = slice(origin, last + reach)
-            place = slice(target.start * block, target.stop * block)
-            side[place, columns] += across.reshape(-1, len(columns) + 1)[:, :-1]
-            by_motion[target] -= across[:, :, -1]
+            target = np.arange(origin, last + reach)
+            side[np.ix_(target, own_block, columns)] += across[:, :, :-1]
+            by_motion[np.ix_(target, own_block)] -= across[:, :, -1]
             total = products[:, own_width:, own_width:].sum(axis=0)
             corner[np.ix_(columns, columns)] += total[:-1, :-1]
             by_border[columns] -= total[:-1, -1]
     band = banded_sum([np.zeros((width, size)), *parts.values()])
-    return NormalEquations(band, side, corner, by_motion.ravel(), by_border, parts, block)
+    whole = side.reshape(size, border)
+    return NormalEquations(band, whole, corner, by_motion.ravel(), by_border, parts, block)
+
+
+def _touched(by_motion: Array, block: int) -> tuple[NDArray[np.intp], Array]:
+    """Which of the coefficients of a function rows depend on, and their derivatives by these alone: a
+    pose and the process of one instrument are few of them.
+
+    Args:
+        by_motion: Shape (n, k, w).
+        block: Coefficients of one function.
+    """
+    n, k, width = by_motion.shape
+    whole = by_motion.reshape(n, k, width // block, block)
+    touched = np.flatnonzero(whole.any(axis=(0, 1, 2)))
+    if not len(touched) or len(touched) > _MOST_TOUCHED * block:
+        return np.arange(block), by_motion
+    return touched, whole[..., touched].reshape(n, k, -1)
 
 
 def _products(rows: Array, instant: NDArray[np.intp], count: int) -> Array:
@@ -393,21 +414,31 @@ def _products(rows: Array, instant: NDArray[np.intp], count: int) -> Array:
     return products
 
 
-def _scatter(band: Array, products: Array, origin: int, block: int) -> None:
-    """Add products of consecutive instants to a banded matrix."""
+def _scatter(
+    band: Array, products: Array, origin: int, block: int, touched: NDArray[np.intp]
+) -> None:
+    """Add products of consecutive instants to a banded matrix.
+
+    Args:
+        band: Lower banded form, shape (w, N).
+        products: Of the coefficients that are touched, first, shape (count, c, c).
+        origin: The first function.
+        block: Coefficients of one function.
+        touched: Which of them.
+    """
     count, width = len(products), len(band)
-    if count < _FEW:
+    if count < _FEW and len(touched) == block:
         length = (count - 1) * block + width
         own, squares = _squares(width, length, block, count)
         for square, product in zip(squares, products, strict=True):
             square += product[:width, :width]
         band[:, origin * block : origin * block + length] += own
         return
-    for column in range(width):
-        function, place = divmod(column, block)
-        start = (origin + function) * block + place
+    places = (np.arange(width // block)[:, None] * block + touched).ravel()
+    for column, place in enumerate(places):
+        start = origin * block + place
         own = band[:, start : start + (count - 1) * block + 1 : block]
-        own[: width - column] += products[:, column:width, column].T
+        own[places[column:] - place] += products[:, column : len(places), column].T
 
 
 def _squares(width: int, length: int, block: int, count: int) -> tuple[Array, Array]:
