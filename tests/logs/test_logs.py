@@ -1433,7 +1433,6 @@ def test_hostile_bags(tmp_path, compression, size, packed, sentence):
     assert sentence in hostile(tmp_path / "a.bag", "a")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "sentence"),
     [

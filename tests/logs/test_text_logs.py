@@ -296,7 +296,6 @@ def test_a_column_may_be_called_as_the_file_spells_it(tmp_path):
 LONG_HEADER = "".join(f"# line {i}\n" for i in range(40)) + "t,f1\n\ns,N\n"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "line"),
     [
