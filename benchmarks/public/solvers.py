@@ -76,7 +76,8 @@ def read_problem(path: Path, copies: int) -> tuple[sp.csr_matrix, Array, int]:
 
 def ours(A: sp.csr_matrix, r: Array, motion: int) -> Step:
     """steelyard's: banded Cholesky of the motion, the border by its Schur complement."""
-    from steelyard.identification.model.segment import Rows, accumulate
+    from steelyard.identification.model.accumulation import accumulate
+    from steelyard.identification.model.segment import Rows
 
     copies = round(len(r) / ROWS_OF_ONE)
     width, together = motion // copies, REACH * BLOCK

@@ -27,7 +27,7 @@ def test_lengths_and_forces_alone_tell_the_shape():
 @pytest.mark.slow
 def test_intervals_cover_up_to_the_gauge():
     chi = []
-    for seed in range(5):
+    for seed in range(10):
         experiment, true = hung(seed)
         off = errors(found := calibrate(experiment), true)
         assert not found.reasons

@@ -184,7 +184,7 @@ def test_signals_at_random_moments_leave_all_or_nothing(verb, tmp_path):
     assert finished(command, capture_output=True).returncode in (0, 3)
     whole = taken_away()
     rng = random.Random(2)
-    for _ in range(6):
+    for _ in range(10):
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         number = rng.choice([signal.SIGINT, signal.SIGTERM])
         try:

@@ -30,12 +30,13 @@ from steelyard.excitation.search.design_problem import DesignProblem
 from steelyard.excitation.settings import DEFAULT as SETTINGS
 from steelyard.experiment.model import Experiment
 from steelyard.identification.banded import banded_product
+from steelyard.identification.model.accumulation import accumulate
 from steelyard.identification.model.balance import Forces, balance_of
 from steelyard.identification.model.calibration_parameters import DRAG, CalibrationValues
 from steelyard.identification.model.calibration_parameters import ROBOT as FILE
 from steelyard.identification.model.force_residuals import force_residuals
 from steelyard.identification.model.motion_segment import holding_rows
-from steelyard.identification.model.segment import POSE, accumulate
+from steelyard.identification.model.segment import POSE
 from steelyard.identification.tally import Tally
 from steelyard.inertia import TEN, Inertia, body_jacobian
 from steelyard.instruments import Length, Wrench

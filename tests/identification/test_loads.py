@@ -200,7 +200,7 @@ def test_a_run_that_is_held_out_is_predicted_with_its_own_load():
 @pytest.mark.slow
 def test_intervals_of_what_was_added_cover():
     z = []
-    for seed in range(10):
+    for seed in range(20):
         (found,) = estimated(seed=seed).loads.differences.values()
         z.append((found.value - ADDED.body_parameters) / sigma(found))
     assert 0.9 < np.mean(np.abs(z) < 1.96) < 0.99

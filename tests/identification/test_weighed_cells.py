@@ -346,7 +346,7 @@ def test_every_method_knows_the_mass_better():
 @pytest.mark.slow
 def test_intervals_of_the_body_cover():
     chi, z = [], []
-    for seed in range(12):
+    for seed in range(24):
         found, table = weighed_recording(seed)
         estimate = identify(replace(found, weights=(table,)), "least-squares").estimate
         off = estimate.value - BODY.body_parameters

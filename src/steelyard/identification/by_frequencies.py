@@ -23,7 +23,11 @@ from steelyard.identification.methods.from_posterior.unweighed import up_to_mass
 from steelyard.identification.verdict.seen_frequencies import of_frequencies
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import Inertia, body_jacobian
-from steelyard.natural_frequencies.information import check_predictable, frequency_information
+from steelyard.natural_frequencies.information import (
+    check_predictable,
+    frequency_information,
+    noise_of,
+)
 
 _TURNS = 40
 """Evaluations after which a search from one beginning that goes astray ends."""
@@ -154,12 +158,13 @@ def _fitted(experiment: Experiment, start: Inertia, size: float) -> _Found:
     def at(x: Array) -> Array:
         return Inertia.from_log_cholesky(np.concatenate([first[:1], first[1:] + x])).parameters
 
-    def searched(x: Array, of_geometry: Array) -> OptimizeResult:
+    def searched(x: Array, covariance: Array) -> OptimizeResult:
+        root = np.linalg.cholesky(covariance)
+
         def residual(x: Array) -> Array:
             seen = frequency_information(exact, at(x), sizes)
             if seen is None:
                 return np.full(count + 9, _CANNOT_HANG)
-            root = np.linalg.cholesky(seen.covariance + of_geometry)
             return np.concatenate([np.linalg.solve(root, seen.residual(at(x))), x / _WIDE])
 
         def jacobian(x: Array) -> Array:
@@ -168,24 +173,17 @@ def _fitted(experiment: Experiment, start: Inertia, size: float) -> _Found:
                 return np.zeros((count + 9, 9))
             ways = _SMALL * np.eye(9)
             by_x = np.column_stack([(at(x + d) - at(x - d)) / (2 * _SMALL) for d in ways])
-            root = np.linalg.cholesky(seen.covariance + of_geometry)
             slopes = -np.linalg.solve(root, seen.by_parameters @ by_x)
             return np.vstack([slopes, np.eye(9) / _WIDE])
 
         return least_squares(residual, x, jacobian, x_scale=0.1, max_nfev=_TURNS)
 
-    found = searched(np.zeros(9), np.zeros((count, count)))
-    for _ in range(_REWEIGHTED):
-        alone, whole = (
-            frequency_information(each, at(found.x), sizes) for each in (exact, experiment)
-        )
-        if alone is None or whole is None:
+    found = searched(np.zeros(9), noise_of(experiment))
+    for _ in range(_REWEIGHTED if uncertainty != experiment.uncertainty else 0):
+        whole = frequency_information(experiment, at(found.x), sizes)
+        if whole is None:
             break
-        of_geometry = whole.covariance - alone.covariance
-        if not of_geometry.any():
-            break
-        before = found
-        found = searched(before.x, of_geometry)
+        before, found = found, searched(found.x, whole.covariance)
         if np.abs(found.x - before.x).max() < _SAME:
             break
     return _Found(at(found.x), float(2 * found.cost))

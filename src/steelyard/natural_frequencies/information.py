@@ -80,6 +80,11 @@ def frequency_information(
     return _linearised(experiment, scaled, coarse[:4])
 
 
+def noise_of(experiment: Experiment) -> Array:
+    """Covariance of what was seen where nothing else is uncertain [Hz^2], shape (k, k)."""
+    return np.diag(np.concatenate([each.sigma for each in experiment.frequencies]) ** 2)
+
+
 def check_predictable(experiment: Experiment, body: Inertia) -> int:
     """The largest number of modes with which a body swings in a row; refuses rows at which it cannot
     hang.
@@ -127,7 +132,7 @@ def _linearised(
         by_body.append(follows[own])
         if strays is not None:
             by_error.append(strays[own])
-    covariance = np.diag(np.concatenate([each.sigma for each in experiment.frequencies]) ** 2)
+    covariance = noise_of(experiment)
     if by_error:
         together = np.concatenate(by_error)
         covariance = covariance + together @ together.T

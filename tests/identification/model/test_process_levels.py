@@ -9,9 +9,10 @@ from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
 from steelyard.arrays import Array
+from steelyard.identification.model.accumulation import accumulate
 from steelyard.identification.model.process_levels import ProcessLevel, _evidence, likeliest
 from steelyard.identification.model.processes import Process, embedded, integrals_of, places
-from steelyard.identification.model.segment import POSE, Rows, accumulate, basis, spread
+from steelyard.identification.model.segment import POSE, Rows, basis, spread
 from steelyard.identification.solve.settings import FIT
 from steelyard.smoothing import DEGREE, knots
 

@@ -12,11 +12,11 @@ from steelyard.identification.banded import (
     banded_trace,
     solved,
 )
+from steelyard.identification.model.accumulation import accumulate
 from steelyard.identification.model.segment import (
     POSE,
     WIDTH,
     Rows,
-    accumulate,
     at_rest,
     basis,
     motion_at,

@@ -12,6 +12,7 @@ from scipy.stats import Covariance, chi2, multivariate_normal, norm
 
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run, Stream
+from steelyard.identification.model.accumulation import accumulate
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
 from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.motion_segment import (
@@ -19,7 +20,7 @@ from steelyard.identification.model.motion_segment import (
     Segment,
     jerk_matrices,
 )
-from steelyard.identification.model.segment import POSE, accumulate
+from steelyard.identification.model.segment import POSE
 from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.model.smoothness import smoothness
 from steelyard.identification.tally import Tally

@@ -201,9 +201,9 @@ def test_nothing_tells_how_long_it_took_from_one_run_to_the_next():
 
 @pytest.mark.slow
 def test_errors_are_as_large_as_is_stated():
-    """Over ten masses that walk at random: 95 % intervals of mass and chi-square of all ten."""
+    """Over twenty masses that walk at random: 95 % intervals of mass and chi-square of all ten."""
     off, chi = [], []
-    for seed in range(10):
+    for seed in range(20):
         times, masses = walking(1000 + seed, WALK, LENGTH)
         *_, last = follow(replace(leaking(seed, times, masses), mass_walk=WALK))
         for each in last.instants[-12::4]:
@@ -211,7 +211,7 @@ def test_errors_are_as_large_as_is_stated():
             off.append(error[0] / np.sqrt(each.covariance[0, 0]))
             chi.append(error @ np.linalg.solve(each.covariance, error) / 10)
     covered = np.mean(np.abs(off) < 1.96)
-    # Three instants of each, hardly independent: within three 1-sigma of ten drawings.
+    # Three instants of each, hardly independent: within three 1-sigma of twenty drawings.
     assert 0.8 < covered <= 1.0
     assert 0.7 < np.mean(chi) < 1.3
     assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.5

@@ -12,9 +12,10 @@ from steelyard.errors import InputError
 from steelyard.experiment.equivalent.platform_frame import centred
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
+from steelyard.identification.model.accumulation import accumulate
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import integrals_of
-from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations, Rows, accumulate
+from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations, Rows
 from steelyard.identification.recursive.concluding import posterior_of
 from steelyard.identification.recursive.events import advanced, followed_on
 from steelyard.identification.recursive.follow import begin, follow

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.identification.banded import banded_product
+from steelyard.identification.model.accumulation import accumulate
 from steelyard.identification.model.processes import Process, embedded
 from steelyard.identification.model.processes import places as places_of
 from steelyard.identification.model.segment import (
@@ -23,7 +24,6 @@ from steelyard.identification.model.segment import (
     Basis,
     NormalEquations,
     Rows,
-    accumulate,
     at_rest,
     basis,
     motion_at,

@@ -5,9 +5,10 @@ import pytest
 from places import DATA
 
 from steelyard.experiment.read import read_experiment
+from steelyard.identification.model.accumulation import accumulate
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.motion_segment import Segment
-from steelyard.identification.model.segment import POSE, WIDTH, Rows, accumulate
+from steelyard.identification.model.segment import POSE, WIDTH, Rows
 from steelyard.identification.recursive.follow import begin
 from steelyard.identification.solve.border import segment_equations as module
 from steelyard.identification.solve.border import stretches
