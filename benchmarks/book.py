@@ -116,11 +116,11 @@ CHAPTERS = {
         "Power and size of the verdict",
         "Every mistake in every draw, one at a time, by the methods that `identify` takes.",
         (
-            Draws("CoGiRo", "cogiro", 100, BEST, {**PAPER, "mistakes": ALL}),
+            Draws("CoGiRo", "cogiro", 50, BEST, {**PAPER, "mistakes": ALL}),
             Draws(
                 "four cables",
                 str(ROUGH / "four-cables-00" / "experiment.yaml"),
-                100,
+                50,
                 BEST,
                 {"mistakes": ALL},
             ),

@@ -1,6 +1,7 @@
 """Readings that stand alone while a motion is followed: left out, told, and of no weight."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,12 @@ from steelyard.experiment.read import read_experiment
 from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.model.balance import Forces
-from steelyard.identification.recursive.arriving.spikes import few_or_none, left_out_of, usual
+from steelyard.identification.recursive.arriving.spikes import (
+    far_from,
+    few_or_none,
+    left_out_of,
+    usual,
+)
 from steelyard.identification.recursive.concluding import posterior_of
 from steelyard.identification.recursive.follow import follow
 from steelyard.identification.recursive.following import Following, NotFollowedError
@@ -105,6 +111,22 @@ def test_what_many_numbers_are_off_by_is_no_spike():
     far = np.zeros((5, 3), dtype=bool)
     far[2] = True
     assert few_or_none(far) is far
+
+
+def rows_of(*residuals):
+    """A chunk of some instruments about a motion that is known, and its rows."""
+    return SimpleNamespace(readings=residuals), [SimpleNamespace(residual=r) for r in residuals]
+
+
+def test_one_quantity_of_which_much_is_far_has_jumped():
+    rng = np.random.default_rng(5)
+    gyro, tracker = rng.normal(size=(2, 40, 3))
+    tracker[10:25] += 30.0
+    near, far = far_from(*rows_of(gyro, tracker), FIT)
+    assert not near.any()
+    assert np.flatnonzero(far.any(axis=1)).tolist() == list(range(10, 25))
+    # Where two are off, nobody can tell which it was.
+    assert not any(each.any() for each in far_from(*rows_of(tracker, tracker), FIT))
 
 
 def test_a_sample_is_held_against_those_about_it():

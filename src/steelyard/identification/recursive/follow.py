@@ -39,8 +39,9 @@ from steelyard.identification.solve.beginning.begin import begin as started
 from steelyard.identification.solve.beginning.readings import Tell, read
 from steelyard.identification.solve.border.segment_equations import segment_equations
 from steelyard.identification.solve.fit_readings import fit_readings
-from steelyard.identification.solve.fit_state import FitState
+from steelyard.identification.solve.fit_state import FitState, Task
 from steelyard.identification.solve.fitted import Fitted
+from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.long_recording import span_of
 from steelyard.identification.solve.settings import FIT, FitSettings
 
@@ -134,7 +135,8 @@ def _begun(
                 task, state, segment, forces, None, run=names.index(segment.run)
             )
             parts.append(counted_from(part, state.calibration.values))
-            recursion = recursion.with_told(parts[-1].equations)
+            # The values of the beginning stay, of which these are a part.
+            recursion = replace(recursion, told=recursion.told + parts[-1].equations)
     return Following(
         experiment,
         fitted,
@@ -163,19 +165,40 @@ def _beginning_of(found: Following, run: Run) -> RunBeginning | None:
         return None
     span, recursion = span_of(experiment, run), found.recursion.settings
 
-    def fit(early: Run) -> Fitted:
+    def fitted_alone(early: Run) -> Fitted:
         taken = read(experiment, None, silent, [early], settings)
         return fit_readings(taken, started(taken, silent, thorough=False), silent)
 
     try:
-        fitted, _ = once_moving(fit, run, span, recursion.begin, recursion)
+        fitted, _ = once_moving(fitted_alone, run, span, recursion.begin, recursion)
     except (NoBalanceError, *LOST):
         return None
     state = fitted.fit.state
     if not fitted.fit.converged:
         return None
     segment = state.segments[0].disturbed(_processes_in(found, run.name, state.segments[0]))
-    return RunBeginning(_with_its_own(found, run.name, state), segment)
+    known = _with_its_own(found, run.name, state)
+    try:
+        return RunBeginning(known, _as_known(found.recursion.task, known, segment))
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _as_known(task: Task, known: FitState, segment: Segment) -> Segment:
+    """A motion as its own instruments show it with what is known of them: what the beginning of its run
+    has made of their calibration is off by more than noise.
+
+    Args:
+        task: What is followed.
+        known: Calibration and levels.
+        segment: With the motion.
+
+    Raises:
+        numpy.linalg.LinAlgError: The motion is not determined.
+    """
+    held = replace(task, active=np.zeros_like(task.active), force_samples=(None,))
+    alone = replace(known, segments=(segment,), parameters=None)
+    return fit(held, alone, beginning=True, levels=False).state.segments[0]
 
 
 def _with_its_own(found: Following, run: str, began: FitState) -> FitState:
