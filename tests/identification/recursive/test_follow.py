@@ -1,7 +1,12 @@
-"""A real tool in three recordings: poses at rest, a quiet run, and one that shakes."""
+"""Several runs one after the other; the first of them a real tool: poses at rest, a quiet run, and one
+that shakes."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from places import DATA
+from simulated import changed
 
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
@@ -9,6 +14,7 @@ from steelyard.identification.methods.loads import drawn
 from steelyard.identification.methods.recursive import Recursive
 from steelyard.identification.recursive.concluding import posterior_of
 from steelyard.identification.recursive.follow import begin, follow
+from steelyard.identification.solve.long_recording import span_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.integration]
 
@@ -50,3 +56,23 @@ def test_it_ends_where_all_at_once_does(kuka, followed):
     off = found.value[:4] - whole.value[:4]
     # Levels of the noise at rest, which nobody has stated, are those of the beginning.
     assert np.abs(off / whole.standard_deviation[:4]).max() < 1.2
+
+
+def test_disturbances_go_on_in_a_further_run():
+    # What is stated of a disturbance makes it part of the motion from the first fit on.
+    one = read_experiment(DATA / "points-00" / "experiment.yaml")
+    noise = {"white": 0.0005, "colored": 0.0005, "time": 0.5}
+    tracker = changed(one.instruments["tracker"], noise=noise)
+    (run,) = one.runs
+    start, end = span_of(one, run)
+    windows = (start, start + 6.2), (start + 6.6, end)
+    runs = tuple(replace(run, name=f"run {i}", window=each) for i, each in enumerate(windows))
+    two = replace(one, runs=runs, instruments={**one.instruments, "tracker": tracker})
+    *_, last = follow(two)
+    assert last.like.segment.processes
+    assert not last.recursion.unsettled
+    assert {part.segment.run for part in last.parts} == {"run 0", "run 1"}
+    estimate = drawn(Recursive().of, posterior_of(last))
+    whole = identify(two, ["maximum-likelihood"]).estimate
+    assert np.abs((estimate.value - whole.value) / whole.standard_deviation).max() < 0.5
+    assert np.abs(estimate.standard_deviation / whole.standard_deviation - 1).max() < 0.1

@@ -16,7 +16,7 @@ from steelyard.experiment.unread import without_constant_lengths
 from steelyard.identification.model.balance import UNMODELLED_PARTS
 from steelyard.identification.model.calibration_parameters import load_place
 from steelyard.identification.model.motion_segment import Segment
-from steelyard.identification.model.processes import Process
+from steelyard.identification.model.processes import Process, integrals_of
 from steelyard.identification.recursive.arriving.arrivals import (
     Likeness,
     UnreadError,
@@ -243,7 +243,12 @@ def _processes_in(found: Following, run: str, began: Segment) -> tuple[Process, 
     """
     before, experiment = found.like.segment, found.experiment
     moved, moves = (experiment.moves_within(each) for each in (before.run, run))
-    kept = [each for each in before.processes if not (moved and each.source in UNMODELLED_PARTS)]
+    own = integrals_of(began.knots)
+    kept = [
+        replace(each, integrals=own)
+        for each in before.processes
+        if not (moved and each.source in UNMODELLED_PARTS)
+    ]
     taken = {each.source for each in kept}
     further = began.processes if moves else ()
     return (*kept, *(p for p in further if p.source in UNMODELLED_PARTS.keys() - taken))
