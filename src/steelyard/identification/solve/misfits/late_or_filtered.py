@@ -41,22 +41,20 @@ _MARGIN = 0.1
 _TWIN = {LATENCY: TIME_CONSTANT, TIME_CONSTANT: LATENCY}
 
 
-def alternatives(task: Task, asked: frozenset[Key], *, held: bool) -> list[frozenset[Key]]:
+def alternatives(task: Task, asked: frozenset[Key]) -> list[frozenset[Key]]:
     """What may explain residuals: what they ask for, and a filter in the place of a latency or the other
-    way round; what contradicts a stated delay only where the costs of both are exact.
+    way round.
 
     Args:
         task: What is fitted.
         asked: For which they ask.
-        held: Whether the motion is held.
     """
     return [
         asked,
         *(
             frozenset(key for key in asked if key[:2] != (owner, _TWIN[kind]))
             | {(owner, kind, run)}
-            for (owner, kind, run), none in twins_of(task, asked).items()
-            if not (held and none.instead)
+            for owner, kind, run in twins_of(task, asked)
         ),
     ]
 

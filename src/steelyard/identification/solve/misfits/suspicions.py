@@ -70,9 +70,7 @@ def with_suspicions(
         worst = _worst(task, found.state, refused, held=held)
         if not worst:
             break
-        tried = [
-            (each, _with(task, found, each, again)) for each in alternatives(task, worst, held=held)
-        ]
+        tried = [(each, _with(task, found, each, again)) for each in alternatives(task, worst)]
         possible = [(asked, there) for asked, there in tried if is_possible(*there, asked)]
         refused |= frozenset().union(*(asked for asked, _ in tried))
         if possible:
