@@ -195,7 +195,7 @@ def _tail(far: float, share: Array) -> float:
 
 def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) -> frozenset[Key]:
     """What the readings ask for most, a hose with force, stiffness and point; empty: nothing, or a
-    number of the robot file or of a force sensor, which is to be named by the verdict.
+    number of one cable, of the robot file or of its force sensor, which is to be named by the verdict.
     """
     suspects: dict[Key, list[CalibrationParameter]] = {}
     for each in task.calibration_parameters.entries:
@@ -230,9 +230,11 @@ def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) 
         if chance < least and np.any(np.abs(moved) > negligible):
             worst, least = keys, chance
     outside = any(owner == ROBOT for owner, _, _ in worst)
-    if outside and any(gains.chance(own)[0] < least for own, _ in rivals):
-        return frozenset()
-    return worst
+    numbers = sum(len(np.r_[places[key]]) for key in worst)
+    if not outside and numbers <= task.calibration_parameters.m:
+        return worst
+    # What a number for every pair of cables explains, those of one cable may explain as well.
+    return frozenset() if any(gains.chance(own)[0] < least for own, _ in rivals) else worst
 
 
 def _rivals(task: Task) -> Iterator[tuple[NDArray[np.intp], float]]:
