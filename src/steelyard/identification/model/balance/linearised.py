@@ -276,8 +276,10 @@ class BalancePoint:
         places = parameters.places
         keys = ("gravity", "anchor", "attachment") if self.experiment.robot.m else ("gravity",)
         for key in keys:
-            if self.asks(places[ROBOT, key, None]):
-                yield places[ROBOT, key, None], self.derivatives[f"by_{key}"]
+            place = places[ROBOT, key, None]
+            if self.asks(place):
+                by_key = self.derivatives[f"by_{key}"]
+                yield place, by_key - self._shrinking() if key == "attachment" else by_key
         load = parameters.place_of_load(self.segment.run)
         if load is not None and self.asks(load):
             yield load, self.derivatives["by_parameters"]
@@ -292,6 +294,20 @@ class BalancePoint:
                 size = place.stop - place.start
                 yield place, self.derivatives[f"by_{name}"][:, :, column : column + size]
                 column += size
+
+    def _shrinking(self) -> Array:
+        """By how much a torque that no cable carries follows the attachments, shape (n, 6, 3 m): it is told
+        in units of their distance from their middle. In newton metres of a fixed size it would shrink
+        with attachments and body that move inwards, and the likelihood would rise for nothing.
+        """
+        arms = self.calibration.geometry["attachments"].reshape(-1, 3)
+        arms = arms - arms.mean(axis=0)
+        square = float(np.sum(arms**2))
+        found = np.zeros((len(self.at.time), DIRECTIONS, arms.size))
+        if square:
+            torque = self.at.measured.unmodelled.usual[:, None] * self.at.uncarried[:, 3:]
+            found[:, 3:] = torque[:, :, None] * (arms / square).ravel()
+        return found
 
     def delays(self) -> Iterator[tuple[slice, float]]:
         """Delays of clocks and latencies, and by how much of each the readings belong to a motion of

@@ -31,7 +31,8 @@ class UnmodelledWrench:
 
     It is told in units of the readings: as wrong as their gains are, so wrong is its size. In
     newtons of true tension, gains that grow would shrink tensions, body and residual against it,
-    and the likelihood would rise for nothing.
+    and the likelihood would rise for nothing. Its torque is told in units of the distance of the
+    attachments from their middle for the same reason: the derivative by them has that.
     """
 
     reading: Array
