@@ -22,25 +22,33 @@ from steelyard.identification.tally import Tally
 pytestmark = pytest.mark.integration
 
 
-@pytest.mark.parametrize("name", ["three-cables-00", "four-cables-00"])
-def test_scale_of_body_and_gains_is_told_by_no_residual(name):
+def beginning(name):
+    """Where a fit begins, and arguments of :func:`point_of` there."""
     experiment = read_experiment(DATA / "rough-robots" / name / "experiment.yaml")
     readings = read(experiment, None, lambda what, part: None)
     begun = begin(readings, lambda what, part: None, thorough=False)
     state, (forces,) = begun.state, readings.force_samples
-    found = whitened_balance(
+    segment = state.segments[0]
+    return begun, (
         experiment,
-        state.segments[0],
+        segment,
         forces,
         state.calibration,
-        begun.task.column_of(state),
         state.parameters,
         state.factors,
-        Tally(),
     )
+
+
+@pytest.mark.parametrize("name", ["three-cables-00", "four-cables-00"])
+def test_scale_of_body_and_gains_is_told_by_no_residual(name):
+    begun, arguments = beginning(name)
+    state = begun.state
+    *there, parameters, factors = arguments
+    column_of = begun.task.column_of(state)
+    found = whitened_balance(*there, column_of, parameters, factors, Tally())
     gains = state.calibration.calibration_parameters.place("cables", "gain", "run")
     columns = np.zeros(begun.task.border(state))
-    columns[begun.task.column_of(state)[gains]] = state.calibration.values[gains]
+    columns[column_of[gains]] = state.calibration.values[gains]
     columns[: state.ten] = -state.parameters
     assert np.abs(found.at.uncarried).max() > 0.1  # something is left that no cable carries
     for rows in found.rows:
@@ -53,18 +61,9 @@ def test_scale_of_body_and_gains_is_told_by_no_residual(name):
 def test_torque_that_no_cable_carries_is_told_in_units_of_the_attachments(name):
     """It grows as they move outwards, all by the same part of their distance from their middle, and not
     as they move together."""
-    experiment = read_experiment(DATA / "rough-robots" / name / "experiment.yaml")
-    readings = read(experiment, None, lambda what, part: None)
-    begun = begin(readings, lambda what, part: None, thorough=False)
-    state, (forces,) = begun.state, readings.force_samples
-    point = point_of(
-        experiment,
-        state.segments[0],
-        forces,
-        state.calibration,
-        state.parameters,
-        state.factors,
-    )
+    begun, arguments = beginning(name)
+    state = begun.state
+    point = point_of(*arguments)
     place = state.calibration.calibration_parameters.place("robot", "attachment", None)
     by_attachments = next(by for where, by in point.by_robot() if where == place)
     less = point.derivatives["by_attachment"] - by_attachments

@@ -135,8 +135,7 @@ def _begun(
                 task, state, segment, forces, None, run=names.index(segment.run)
             )
             parts.append(counted_from(part, state.calibration.values))
-            # The values of the beginning stay, of which these are a part.
-            recursion = replace(recursion, told=recursion.told + parts[-1].equations)
+            recursion = recursion.with_told(parts[-1].equations)
     return Following(
         experiment,
         fitted,
@@ -180,7 +179,7 @@ def _beginning_of(found: Following, run: Run) -> RunBeginning | None:
     known = _with_its_own(found, run.name, state)
     try:
         return RunBeginning(known, _as_known(found.recursion.task, known, segment))
-    except np.linalg.LinAlgError:
+    except LOST:
         return None
 
 
@@ -195,6 +194,7 @@ def _as_known(task: Task, known: FitState, segment: Segment) -> Segment:
 
     Raises:
         numpy.linalg.LinAlgError: The motion is not determined.
+        InfeasibleError: It is where cables cannot be.
     """
     held = replace(task, active=np.zeros_like(task.active), force_samples=(None,))
     alone = replace(known, segments=(segment,), parameters=None)

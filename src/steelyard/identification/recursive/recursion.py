@@ -247,16 +247,16 @@ class Recursion:
         if self.window.walk:
             told = a_step_later(told, by_mass(self.point), 0.0, self.window.variance * _TO_THE_END)
         own = of_border(told, self.point)
-        return replace(self, window=None).with_told(own)
+        found = replace(self, window=None).with_told(own)
+        return found._at(found._solved(found._told))
 
     def with_told(self, equations: BorderEquations) -> Recursion:
-        """With readings that belong to no motion.
+        """With readings that belong to no motion; body and calibration stay where they are.
 
         Args:
             equations: Of them, with calibration parameters counted from nothing.
         """
-        found = replace(self, told=self.told + equations)
-        return found._at(found._solved(found._told))
+        return replace(self, told=self.told + equations)
 
     def relative(self, equations: BorderEquations) -> BorderEquations:
         """Equations with calibration parameters counted from where they are.

@@ -12,14 +12,17 @@ from steelyard.simulation.mistakes import MISTAKES
 
 pytestmark = [pytest.mark.slow, pytest.mark.integration]
 
-SETUP = setup_of_robot("cogiro", "paper", "multisine", 20.0)
+
+@pytest.fixture(scope="module")
+def setup():
+    return setup_of_robot("cogiro", "paper", "multisine", 20.0)
 
 
 @pytest.fixture(scope="module")
-def sound():
+def sound(setup):
     """A draw in which what 5 cm of an attachment do is small: crosstalk of all 56 pairs explained it, and
     the estimate was accepted with a chi-square of 7.3 per parameter."""
-    return drawn(SETUP, 16)
+    return drawn(setup, 16)
 
 
 @pytest.mark.parametrize("method", ["consistent", "maximum-likelihood"])
@@ -30,8 +33,8 @@ def test_a_misplaced_attachment_is_no_crosstalk(sound, method):
     assert "attachment 2 x" in estimate.verdict.reasons[0]
 
 
-def test_crosstalk_is_crosstalk():
-    sound = drawn(SETUP, 1)
+def test_crosstalk_is_crosstalk(setup):
+    sound = drawn(setup, 1)
     m, rng = sound.robot.m, np.random.default_rng(4)
     mixed = np.eye(m) + 0.01 * (1 - np.eye(m)) * rng.standard_normal((m, m))
     felt = with_stream(sound, "cables", lambda v: {"tension": v["tension"] @ mixed.T})

@@ -279,7 +279,8 @@ class BalancePoint:
             place = places[ROBOT, key, None]
             if self.asks(place):
                 by_key = self.derivatives[f"by_{key}"]
-                yield place, by_key - self._shrinking() if key == "attachment" else by_key
+                shrinks = key == "attachment" and self.experiment.robot.m < DIRECTIONS
+                yield place, by_key - self._shrinking() if shrinks else by_key
         load = parameters.place_of_load(self.segment.run)
         if load is not None and self.asks(load):
             yield load, self.derivatives["by_parameters"]

@@ -230,11 +230,11 @@ def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) 
         if chance < least and np.any(np.abs(moved) > negligible):
             worst, least = keys, chance
     outside = any(owner == ROBOT for owner, _, _ in worst)
-    numbers = sum(len(np.r_[places[key]]) for key in worst)
-    if not outside and numbers <= task.calibration_parameters.m:
-        return worst
-    # What a number for every pair of cables explains, those of one cable may explain as well.
-    return frozenset() if any(gains.chance(own)[0] < least for own, _ in rivals) else worst
+    # As a number for every pair of cables is: those of one cable may explain the same.
+    many = sum(len(np.r_[places[key]]) for key in worst) > task.calibration_parameters.m
+    if (outside or many) and any(gains.chance(own)[0] < least for own, _ in rivals):
+        return frozenset()
+    return worst
 
 
 def _rivals(task: Task) -> Iterator[tuple[NDArray[np.intp], float]]:
