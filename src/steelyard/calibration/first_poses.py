@@ -16,7 +16,7 @@ from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.motion_segment import Reading
-from steelyard.identification.samples.first_motion import first_motion
+from steelyard.identification.samples.first_poses.first_motion import first_motion
 from steelyard.identification.samples.instants_in_balance import SPACING
 from steelyard.instruments.equations import solve_for
 from steelyard.robot.kinematics import cables_at

@@ -35,7 +35,7 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationParameters,
     as_tree,
 )
-from steelyard.identification.weighed_cells import WrongWeight
+from steelyard.identification.weighing.tables import WrongWeight
 from steelyard.inertia import Inertia, body_jacobian
 from steelyard.instruments.length import CABLE_DAMPING, ROLLER, ROLLER_AXIS, STRETCH
 from steelyard.robot.covariance import POINTS, names_of

@@ -22,7 +22,7 @@ from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import motion_at
-from steelyard.identification.samples.preparation import Samples
+from steelyard.identification.samples.prepared import Samples
 from steelyard.identification.samples.segmentation import Recorded
 from steelyard.identification.solve.beginning.begin import Beginning, NoBalanceError, begin
 from steelyard.identification.solve.beginning.motion_task import motion_task

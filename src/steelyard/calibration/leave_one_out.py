@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import Forces
-from steelyard.identification.model.carried_tensions import carried_tensions
 from steelyard.identification.model.force_residuals import force_residuals
 from steelyard.identification.model.motion_residuals import AT_ONCE, motion_residuals
 from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.segment import NormalEquations, Rows
+from steelyard.identification.model.tensions.carried import carried_tensions
 from steelyard.identification.solve.fit_state import Fit, Task
 from steelyard.identification.solve.newton_step import border_prior
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.calibration.settings import CalibrationSettings
-from steelyard.identification.model.motion_residuals import looked_at
+from steelyard.identification.model.looked_at import looked_at
 from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.solve.fit_state import Fit, Task
 

@@ -22,7 +22,8 @@ from steelyard.experiment.recording import Run
 from steelyard.identification.model.sources import choose_sources
 from steelyard.identification.model.unknown_body import BODY, unknown_body
 from steelyard.identification.samples.preparation import samples_of
-from steelyard.identification.samples.reading import RunReader, SmoothPart, UndeterminedError
+from steelyard.identification.samples.reading import SmoothPart, UndeterminedError
+from steelyard.identification.samples.run_reader import RunReader
 from steelyard.identification.settings import SYNCHRONISATION, SynchronisationSettings
 from steelyard.robot.kinematics import cables_at
 from steelyard.smoothing import choose_spacing

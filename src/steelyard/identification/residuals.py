@@ -21,16 +21,14 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.balance import Forces, balance_of, parts_of
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
-from steelyard.identification.model.carried_tensions import carried_tensions
-from steelyard.identification.model.followed_tensions import Carried, stretching
-from steelyard.identification.model.motion_residuals import (
-    AT_ONCE,
-    looked_at,
-    reference_clocks,
-)
+from steelyard.identification.model.looked_at import looked_at
+from steelyard.identification.model.motion_residuals import AT_ONCE
 from steelyard.identification.model.motion_segment import Reading, Segment
+from steelyard.identification.model.reading_times import reference_clocks
 from steelyard.identification.model.sources import Source
-from steelyard.identification.samples.preparation import Samples
+from steelyard.identification.model.tensions.carried import carried_tensions
+from steelyard.identification.model.tensions.followed import Carried, stretching
+from steelyard.identification.samples.prepared import Samples
 from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import Inertia

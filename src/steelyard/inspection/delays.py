@@ -14,8 +14,9 @@ from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inspection.agreements.excerpt import Excerpt, excerpt_of, instruments_by_clock
 from steelyard.inspection.agreements.motion import Relation, motion_agreement, motion_relations
+from steelyard.inspection.agreements.settings import AGREEMENT, AgreementSettings
 from steelyard.inspection.agreements.wrench_balance import body_balance, force_relations, has_body
-from steelyard.inspection.settings import AGREEMENT, DELAYS, AgreementSettings, DelaySettings
+from steelyard.inspection.settings import DELAYS, DelaySettings
 from steelyard.smoothing import Samples1D, fit
 
 _JOINT, _SHAKEN_BY = "everything at once", "vibrations"

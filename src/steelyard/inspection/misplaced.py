@@ -10,7 +10,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
-from steelyard.inspection.settings import PLACES, PlaceSettings
+from steelyard.inspection.mistakes.settings import PLACES, PlaceSettings
 
 
 @dataclass(frozen=True, eq=False)

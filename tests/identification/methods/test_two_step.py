@@ -6,7 +6,7 @@ import pytest
 from steelyard.dynamics import platform_wrench
 from steelyard.identification.methods.settings import TwoStepSettings
 from steelyard.identification.methods.two_step import TwoStep, estimate_two_step
-from steelyard.identification.samples.preparation import Samples
+from steelyard.identification.samples.prepared import Samples
 from steelyard.inertia import BODY_PARAMETERS, Inertia
 from steelyard.motion.state import motion_of_poses
 from steelyard.motion.trajectory import multisine

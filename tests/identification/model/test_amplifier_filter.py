@@ -17,6 +17,7 @@ from steelyard.identification.model.balance.amplifier_filter import (
     times_before,
 )
 from steelyard.identification.model.balance.linearised import point_of
+from steelyard.identification.model.balance.linearised_in_time import by_moving, delays
 from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.model.force_residuals import whitened_balance
 from steelyard.identification.solve.joint_motion import fit_jointly
@@ -213,8 +214,10 @@ def test_it_follows_its_time_constant_and_delays_as_differences_show(filtered):
     point = point_of(
         case.experiment, case.segment, case.forces, case.calibration, case.parameters, {}
     )
-    found = {place.start: each[filtered.told] for place, each in point.by_moving(point.by_motion())}
-    own, (delay, _), *_ = filtered.place, *point.delays()
+    found = {
+        place.start: each[filtered.told] for place, each in by_moving(point, point.by_motion())
+    }
+    own, (delay, _), *_ = filtered.place, *delays(point)
     assert_derivatives(found[own.start][:, :, 0], filtered.by_values(own), 2e-3)
     # How fast readings change while cables turn is of no account.
     assert_derivatives(found[delay.start][:, :, 0], filtered.by_values(delay), CHANGES_SLOWLY)
@@ -229,7 +232,7 @@ def test_a_fit_goes_over_zero_as_if_nothing_were_there(filtered, constant):
     calibration = CalibrationValues(case.calibration_parameters, values)
     point = point_of(case.experiment, case.segment, case.forces, calibration, case.parameters, {})
     found = {
-        place.start: each[filtered.told] for place, each in point.by_moving(point.by_motion())
+        place.start: each[filtered.told] for place, each in by_moving(point, point.by_motion())
     }[filtered.place.start]
     ends = []
     for step in (1e-5, -1e-5):

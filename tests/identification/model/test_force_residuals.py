@@ -40,13 +40,13 @@ from steelyard.identification.model.calibration_parameters import (
     DRAG,
     CalibrationValues,
 )
-from steelyard.identification.model.carried_tensions import carried_tensions
 from steelyard.identification.model.force_residuals import (
     BALANCE,
     sample_weight,
 )
 from steelyard.identification.model.motion_segment import CarriedTensions
 from steelyard.identification.model.segment import POSE, spread
+from steelyard.identification.model.tensions.carried import carried_tensions
 from steelyard.identification.tally import Tally, limit
 from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 from steelyard.robot.file import read_robot

@@ -15,12 +15,9 @@ from simulated import EXACT, ROBOT
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.banded import banded_product
+from steelyard.identification.model.border import Border
 from steelyard.identification.model.calibration_parameters import CalibrationValues, gather
-from steelyard.identification.model.motion_residuals import (
-    Border,
-    _lateness_whitener,
-    motion_residuals,
-)
+from steelyard.identification.model.motion_residuals import _lateness_whitener, motion_residuals
 from steelyard.identification.model.motion_segment import (
     PARTS,
     CarriedTensions,

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from simulated import PAPER, RECORDER, changed
 
 from steelyard.experiment.equivalent.platform_frame import centred
-from steelyard.identification.samples.first_motion import (
+from steelyard.identification.samples.first_poses.first_motion import (
     FIRST_MOTION,
     first_motion,
     lacks_pose,

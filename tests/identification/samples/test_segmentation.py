@@ -5,8 +5,8 @@ import pytest
 from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
 
+from steelyard.identification.samples.first_poses.spline_through_poses import started
 from steelyard.identification.samples.motion_noise import least_noise, scatter, stands_still
-from steelyard.identification.samples.spline_through_poses import started
 from steelyard.smoothing import DEGREE, knots
 
 START, END, SPACING = 0.0, 10.0, 0.25

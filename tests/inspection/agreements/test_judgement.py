@@ -8,7 +8,7 @@ from simulated import sound, without
 
 from steelyard.inspection.agreements.excerpt import excerpts
 from steelyard.inspection.agreements.judgement import judged
-from steelyard.inspection.settings import AgreementSettings, BalanceSettings
+from steelyard.inspection.agreements.settings import AgreementSettings, BalanceSettings
 
 pytestmark = pytest.mark.integration
 

@@ -4,7 +4,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from steelyard.inspection.mistakes.catalogue import OF_INSTRUMENTS, of_readings
-from steelyard.inspection.settings import PLACES
+from steelyard.inspection.mistakes.settings import PLACES
 from steelyard.instruments import AnyInstrument
 
 

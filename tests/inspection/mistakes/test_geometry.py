@@ -14,7 +14,7 @@ from simulated import sound
 from steelyard.experiment.read import read_experiment
 from steelyard.inspection.description import check_description
 from steelyard.inspection.mistakes.geometry import in_millimetres, most_carried
-from steelyard.inspection.settings import SIZES
+from steelyard.inspection.mistakes.settings import SIZES
 
 pytestmark = pytest.mark.integration
 

@@ -9,7 +9,7 @@ from simulated import sound
 
 from steelyard.inspection.agreements.excerpt import excerpts
 from steelyard.inspection.mistakes.search import mistakes
-from steelyard.inspection.settings import MistakeSettings, PlaceSettings
+from steelyard.inspection.mistakes.settings import MistakeSettings, PlaceSettings
 
 pytestmark = pytest.mark.integration
 

@@ -34,7 +34,7 @@ from steelyard.excitation.settings import DesignSettings
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.calibration_parameters import CalibrationParameters
 from steelyard.identification.model.motion_segment import Segment, jerk_matrices
-from steelyard.identification.samples.spline_through_poses import resampled
+from steelyard.identification.samples.first_poses.spline_through_poses import resampled
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import Inertia
 from steelyard.motion.trajectory import multisine

@@ -17,7 +17,8 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.methods.linear import LinearFit, block_sums, covariance_of, solve
 from steelyard.identification.methods.settings import TWO_STEP, TwoStepSettings
-from steelyard.identification.samples.preparation import Samples, prepare
+from steelyard.identification.samples.preparation import prepare
+from steelyard.identification.samples.prepared import Samples
 from steelyard.identification.solve.misfits.slack_cables import SlackCables, around, below
 
 _BLOCK = 1.0

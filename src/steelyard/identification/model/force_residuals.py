@@ -24,12 +24,11 @@ from steelyard.identification.model.balance import (
     parts_of,
 )
 from steelyard.identification.model.balance.linearised import point_of
+from steelyard.identification.model.balance.linearised_in_time import by_moving
+from steelyard.identification.model.border import Border
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationValues,
-)
-from steelyard.identification.model.motion_residuals import (
-    Border,
 )
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import (
@@ -141,7 +140,7 @@ def whitened_balance(
     at, by = point.at, point.by_motion()
     border = Border(column_of, len(at.time), DIRECTIONS)
     border.extend(np.arange(TEN), point.by_body(parameters))
-    for place, derivative in chain(point.by_terms(), point.by_robot(), point.by_moving(by)):
+    for place, derivative in chain(point.by_terms(), point.by_robot(), by_moving(point, by)):
         border.put(place, derivative)
     by_errors, columns = border.collected()
     first, by_coefficients = point.by_coefficients(by, wide=wide)

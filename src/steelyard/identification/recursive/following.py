@@ -23,7 +23,7 @@ from steelyard.identification.recursive.passing import passed
 from steelyard.identification.recursive.recursion import Recursion
 from steelyard.identification.recursive.window.grid import KnotGrid, coefficients_on
 from steelyard.identification.recursive.window.window import Window
-from steelyard.identification.samples.preparation import Samples
+from steelyard.identification.samples.prepared import Samples
 from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.beginning.first_body import on_force_clock
 from steelyard.identification.solve.beginning.readings import read

@@ -7,7 +7,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
-from steelyard.identification.samples.preparation import Samples
+from steelyard.identification.samples.prepared import Samples
 from steelyard.instruments import Quantity
 
 _TYPICAL_SIZE = 1e-12

@@ -18,7 +18,7 @@ from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.model.sources import Source
 from steelyard.identification.samples.force_noise import force_sigma, least_sigma
 from steelyard.identification.samples.motion_noise import LEAST_RAPID, rapid_scatter
-from steelyard.identification.samples.preparation import Samples
+from steelyard.identification.samples.prepared import Samples
 from steelyard.robot.model import DIRECTIONS
 
 

@@ -14,7 +14,7 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters import CalibrationValues, clock_of
 from steelyard.identification.model.settings import MotionSettings
-from steelyard.identification.samples.preparation import Samples
+from steelyard.identification.samples.prepared import Samples
 from steelyard.instruments.base import Part
 from steelyard.instruments.equations import order_of
 from steelyard.instruments.noise import Disturbance

@@ -21,6 +21,7 @@ from steelyard.identification.model.motion_segment import (
 from steelyard.identification.model.processes import unresolved
 from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.samples.faulty_stretches import without_jumps, without_stuck
+from steelyard.identification.samples.first_poses.spline_through_poses import poses_of, started
 from steelyard.identification.samples.force_samples import (
     force_samples_of,
     least_forces,
@@ -41,8 +42,7 @@ from steelyard.identification.samples.motion_streams import (
     steps_of,
     stretches_of,
 )
-from steelyard.identification.samples.preparation import Samples
-from steelyard.identification.samples.spline_through_poses import poses_of, started
+from steelyard.identification.samples.prepared import Samples
 from steelyard.instruments.unread_cables import UnreadCables
 from steelyard.smoothing import knots
 

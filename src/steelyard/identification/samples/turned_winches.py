@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from steelyard.experiment.model import Experiment
-from steelyard.identification.samples.preparation import Samples
+from steelyard.identification.samples.prepared import Samples
 from steelyard.robot.kinematics import cables_at
 from steelyard.robot.model import Robot
 

@@ -19,11 +19,11 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues, columns_of
-from steelyard.identification.model.carried_tensions import carried_tensions
 from steelyard.identification.model.force_residuals import force_residuals
 from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Rows
+from steelyard.identification.model.tensions.carried import carried_tensions
 from steelyard.identification.solve.border.normal_equations import Solution
 from steelyard.inertia import BODY_PARAMETERS, TEN, body_jacobian
 

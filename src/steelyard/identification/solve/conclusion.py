@@ -20,7 +20,7 @@ from steelyard.identification.model.calibration_parameters import ROBOT, load_pl
 from steelyard.identification.model.fitted_motion import FittedMotion, fitted_motion
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.sources import Source
-from steelyard.identification.samples.preparation import Samples
+from steelyard.identification.samples.prepared import Samples
 from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.border.normal_equations import (
     BorderEquations,

@@ -19,12 +19,12 @@ from steelyard.identification.model.calibration_parameters import (
     CalibrationValues,
     columns_of,
 )
-from steelyard.identification.model.carried_tensions import carried_tensions
 from steelyard.identification.model.force_residuals import force_residuals
 from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import NormalEquations
 from steelyard.identification.model.sources import Source
+from steelyard.identification.model.tensions.carried import carried_tensions
 from steelyard.identification.solve.settings import FIT, FitSettings
 from steelyard.identification.tally import Tally
 from steelyard.inertia import TEN

@@ -20,7 +20,7 @@ from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues, Key, gather
 from steelyard.identification.model.fitted_motion import FittedMotion
 from steelyard.identification.model.sources import Source
-from steelyard.identification.samples.preparation import Samples
+from steelyard.identification.samples.prepared import Samples
 from steelyard.identification.solve.border.normal_equations import (
     Blocks,
     BorderEquations,

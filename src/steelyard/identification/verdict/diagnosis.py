@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import platform_regressor
 from steelyard.identification.model.unknown_body import BODY, unknown_body
-from steelyard.identification.samples.preparation import Samples, prepare
+from steelyard.identification.samples.preparation import prepare
+from steelyard.identification.samples.prepared import Samples
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 

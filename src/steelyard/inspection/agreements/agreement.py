@@ -16,7 +16,7 @@ import numpy as np
 from steelyard.arrays import Array
 from steelyard.identification.model.sources import Source
 from steelyard.inspection.agreements.excerpt import Excerpt
-from steelyard.inspection.settings import AGREEMENT, AgreementSettings
+from steelyard.inspection.agreements.settings import AGREEMENT, AgreementSettings
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.model.sources import Source
-from steelyard.inspection.settings import AGREEMENT, AgreementSettings, ExcerptSettings
+from steelyard.inspection.agreements.settings import AGREEMENT, AgreementSettings, ExcerptSettings
 from steelyard.instruments import Instrument
 from steelyard.robot.model import Robot
 from steelyard.smoothing import Samples1D, fit, segments

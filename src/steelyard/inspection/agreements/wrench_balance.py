@@ -22,7 +22,7 @@ from steelyard.inspection.agreements.measured_wrench import (
     platform_motion,
 )
 from steelyard.inspection.agreements.motion import Relation
-from steelyard.inspection.settings import BalanceSettings
+from steelyard.inspection.agreements.settings import BalanceSettings
 
 
 @dataclass(frozen=True, eq=False)

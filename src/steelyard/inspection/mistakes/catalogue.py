@@ -24,7 +24,7 @@ from steelyard.inspection.mistakes.mounting import (
     of_point,
 )
 from steelyard.inspection.mistakes.orientation import of_orientation
-from steelyard.inspection.settings import MISTAKES, MistakeSettings, PlaceSettings
+from steelyard.inspection.mistakes.settings import MISTAKES, MistakeSettings, PlaceSettings
 from steelyard.instruments import Instrument, Quantity
 
 

@@ -12,7 +12,7 @@ from steelyard.inspection.agreements.excerpt import Excerpt, instruments_by_cloc
 from steelyard.inspection.agreements.judgement import Judged, evaluated
 from steelyard.inspection.agreements.motion import is_of_motion
 from steelyard.inspection.mistakes.amendment import SIMPLE, USUAL, Amendment, Subject, shifted
-from steelyard.inspection.settings import CLOCKS, ClockSettings
+from steelyard.inspection.mistakes.settings import CLOCKS, ClockSettings
 
 SYNC_AUTO = "sync: auto"
 """What to write where nobody has said how the clocks of a run are apart."""

@@ -16,7 +16,7 @@ from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.inspection.agreements.excerpt import Excerpt, excerpts
 from steelyard.inspection.agreements.judgement import judged
-from steelyard.inspection.settings import SizeSettings
+from steelyard.inspection.mistakes.settings import SizeSettings
 from steelyard.robot.model import Robot
 
 _MM = 1e-3

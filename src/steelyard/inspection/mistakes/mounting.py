@@ -41,7 +41,7 @@ from steelyard.inspection.mistakes.amendment import (
     with_keys,
 )
 from steelyard.inspection.mistakes.axes import axis_changes, rotations_by_right_angles
-from steelyard.inspection.settings import PLACES, PlaceSettings
+from steelyard.inspection.mistakes.settings import PLACES, PlaceSettings
 from steelyard.instruments.equations import needed_for
 
 

@@ -22,7 +22,7 @@ from steelyard.inspection.agreements.motion import Relation, is_of_motion
 from steelyard.inspection.mistakes.amendment import ROBOT, Amendment, Change
 from steelyard.inspection.mistakes.catalogue import amendments, clock_amendments
 from steelyard.inspection.mistakes.clocks import SYNC_AUTO
-from steelyard.inspection.settings import MISTAKES, MistakeSettings
+from steelyard.inspection.mistakes.settings import MISTAKES, MistakeSettings
 
 _LEAST_PART = 0.1
 """Part of a run that an amendment must leave to look at."""

@@ -26,7 +26,8 @@ from steelyard.inspection.mistakes.amendment import (
 from steelyard.inspection.mistakes.columns import LIKELY_UNITS
 from steelyard.inspection.mistakes.geometry import in_millimetres
 from steelyard.inspection.mistakes.search import Mistake
-from steelyard.inspection.settings import SIZES, STREAMS, SizeSettings
+from steelyard.inspection.mistakes.settings import SIZES, SizeSettings
+from steelyard.inspection.settings import STREAMS
 from steelyard.inspection.streams import white_noise
 from steelyard.units import FACTORS
 

@@ -21,7 +21,8 @@ from steelyard.identification.methods.from_posterior.unstated import disturbance
 from steelyard.identification.model.balance import UNMODELLED
 from steelyard.identification.model.calibration_parameters import ROBOT, instruments_of
 from steelyard.identification.residuals import Residuals, of_samples, residuals
-from steelyard.identification.samples.preparation import Samples, prepare
+from steelyard.identification.samples.preparation import prepare
+from steelyard.identification.samples.prepared import Samples
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.inertia import BODY_PARAMETERS
 from steelyard.inspection.swings import excited_modes, swing_spectrum

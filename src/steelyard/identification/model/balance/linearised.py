@@ -20,25 +20,20 @@ from steelyard.identification.model.balance import (
     Forces,
     balance_at,
     moving_at,
-    unmodelled_processes,
 )
+from steelyard.identification.model.balance.asked import derivatives_asked, pulling
 from steelyard.identification.model.balance.behind_filter import functions_behind
 from steelyard.identification.model.balance.equations import derivatives_of_balance
-from steelyard.identification.model.calibration_parameters import (
-    AIR,
-    ATTACHED,
-    DRAG,
-    ROBOT,
-    SWIVEL,
-    CalibrationValues,
-    hose_keys,
+from steelyard.identification.model.balance.units_of_rest import (
+    by_attachments,
+    by_mass,
+    by_readings,
+    in_units,
 )
-from steelyard.identification.model.motion_residuals import (
-    Border,
-    has_column,
-    rate_along,
-    reference_clocks,
-    time_of,
+from steelyard.identification.model.border import Border, has_column
+from steelyard.identification.model.calibration_parameters import (
+    ROBOT,
+    CalibrationValues,
 )
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import Process
@@ -50,12 +45,11 @@ from steelyard.identification.model.segment import (
 )
 from steelyard.identification.model.sources import Source
 from steelyard.inertia import TEN
-from steelyard.instruments.base import TIME_CONSTANT, Instrument
+from steelyard.instruments.base import Instrument
 from steelyard.instruments.equations import following, sensitivity
 from steelyard.instruments.tension import GAINS, PRESLIDING, PRESLIDING_START
 from steelyard.robot.model import DIRECTIONS
 
-_GEOMETRY = (("anchor", "anchor"), ("attachment", "attachment"))
 ByParameters = Iterator[tuple[slice, Array]]
 """Where calibration parameters stand, and the derivative of the balance by them, shape (n, 6,
 c)."""
@@ -104,17 +98,11 @@ class BalancePoint:
         return self.at.calmed(self.at.asked)
 
     def by_body(self, parameters: Array) -> Array:
-        """Derivative of the balance by the ten parameters, shape (n, 6, 10).
-
-        Where no cable has a sensor, it is told in multiples of the mass, and so is what is left of it: a
-        body that shrinks would shrink its residual, and the likelihood would rise for nothing.
-        """
+        """Derivative of the balance by the ten parameters, shape (n, 6, 10); see :mod:`.units_of_rest`."""
         found = self.derivatives["by_parameters"]
         if not self.force_samples.guessed.all():
             return found
-        found = found.copy()
-        found[:, :, 0] -= self.at.left_over / parameters[0]
-        return found
+        return in_units(found, self.at.left_over, by_mass(parameters))
 
     def by_motion(self) -> tuple[Array, Array, Array]:
         """Derivatives of the balance by pose, rate and acceleration, shape (n, 6, 7) each.
@@ -199,14 +187,12 @@ class BalancePoint:
             for place, change in changes:
                 yield place, at.measured.changes_of_wrench(change)
             return
-        # What no cable carries is told in units of the readings too: it shrinks with the body where gains
-        # grow, which else the likelihood would rise for.
+        # See units_of_rest.
         unit = np.diagonal(at.measured.by_reading, axis1=1, axis2=2)
         further = self.terms_of_readings(self.asked + unit)
         for (place, change), (_, more) in zip(changes, further, strict=True):
-            by_scale = np.mean(more - change, axis=1)
-            shrinks = np.einsum("ni,nc->nic", at.uncarried, by_scale)
-            yield place, at.measured.changes_of_wrench(change) - shrinks
+            by_term = at.measured.changes_of_wrench(change)
+            yield place, in_units(by_term, at.uncarried, by_readings(change, more))
 
     def terms_of_readings(self, values: Array) -> ByParameters:
         """Derivatives of tensions or wrench by the systematic errors of the readings, shape (n, k, c).
@@ -279,8 +265,7 @@ class BalancePoint:
             place = places[ROBOT, key, None]
             if self.asks(place):
                 by_key = self.derivatives[f"by_{key}"]
-                shrinks = key == "attachment" and self.experiment.robot.m < DIRECTIONS
-                yield place, by_key - self._shrinking() if shrinks else by_key
+                yield place, self._in_arms(by_key) if key == "attachment" else by_key
         load = parameters.place_of_load(self.segment.run)
         if load is not None and self.asks(load):
             yield load, self.derivatives["by_parameters"]
@@ -289,95 +274,21 @@ class BalancePoint:
             answered = self.derivatives["by_parameters"].copy()
             answered[:, :, 0] -= self.derivatives["by_weight"].reshape(len(answered), -1)
             yield moves, answered
-        for name, own in _pulling(self.experiment, self.calibration, self.segment.run).items():
+        for name, own in pulling(self.experiment, self.calibration, self.segment.run).items():
             column = 0
             for place in own if f"by_{name}" in self.derivatives else ():
                 size = place.stop - place.start
                 yield place, self.derivatives[f"by_{name}"][:, :, column : column + size]
                 column += size
 
-    def _shrinking(self) -> Array:
-        """By how much a torque that no cable carries follows the attachments, shape (n, 6, 3 m): it is told
-        in units of their distance from their middle. In newton metres of a fixed size it would shrink
-        with attachments and body that move inwards, and the likelihood would rise for nothing.
-        """
+    def _in_arms(self, by_attachment: Array) -> Array:
+        """Derivative of the balance by the attachments, shape (n, 6, 3 m); see :mod:`.units_of_rest`."""
+        if self.experiment.robot.m >= DIRECTIONS:
+            return by_attachment
+        torque = self.at.measured.unmodelled.usual[:, None] * self.at.uncarried
+        torque[:, :3] = 0.0
         arms = self.calibration.geometry["attachments"].reshape(-1, 3)
-        arms = arms - arms.mean(axis=0)
-        square = float(np.sum(arms**2))
-        found = np.zeros((len(self.at.time), DIRECTIONS, arms.size))
-        if square:
-            torque = self.at.measured.unmodelled.usual[:, None] * self.at.uncarried[:, 3:]
-            found[:, 3:] = torque[:, :, None] * (arms / square).ravel()
-        return found
-
-    def delays(self) -> Iterator[tuple[slice, float]]:
-        """Delays of clocks and latencies, and by how much of each the readings belong to a motion of
-        earlier.
-        """
-        name, parameters = self.force_samples.name, self.calibration.calibration_parameters
-        _, clock, origin = time_of(
-            self.experiment,
-            self.segment,
-            self.calibration,
-            reference_clocks(self.experiment, parameters, self.segment),
-            name,
-            self.force_samples.time,
-        )
-        if clock != origin:
-            yield clock, 1.0
-            yield origin, -1.0
-        if latency := parameters.place_of_latency(name):
-            yield latency, 1.0
-
-    def place_of_filter(self) -> slice | None:
-        """Of the time constant of the filter; None: there is none."""
-        places = self.calibration.calibration_parameters.places_of(
-            self.force_samples.name, self.instrument, self.segment.run
-        )
-        return places.get(TIME_CONSTANT)
-
-    def by_moving(self, by: tuple[Array, Array, Array]) -> ByParameters:
-        """Derivatives of the balance by what matters in motion only: delays of the clocks, the time
-        constant of a filter, the inertia of the cables.
-        """
-        segment = self.segment
-        if segment.static:
-            return
-        by_delay, by_filter = (each + self._by_processes_of_earlier() for each in self._by_time(by))
-        later = by_delay[:, :, None]
-        for place, sign in self.delays():
-            yield place, sign * later
-        if (of_filter := self.place_of_filter()) is not None:
-            yield of_filter, by_filter[:, :, None]
-        parameters = self.calibration.calibration_parameters
-        drag = parameters.places[ROBOT, DRAG, None]
-        if self.asks(drag):
-            yield drag, self.derivatives["by_drag"][:, :, None]
-
-    def _by_time(self, by: tuple[Array, Array, Array]) -> tuple[Array, Array]:
-        """Derivatives of the balance by a delay and by the time constant of a filter, without those
-        through processes, shape (n, 6) each.
-        """
-        behind, alone = self.at.behind, -rate_along(by, self.motion)
-        if behind is None:
-            return alone, alone
-        by_delay, by_filter = behind.by_delay, behind.by_constant
-        if self.constant < 0:
-            by_delay, by_filter = 2 * alone - by_delay, 2 * alone + by_filter - 2 * by_delay
-        measured = self.at.measured
-        return measured.behind_filter(alone, by_delay), measured.behind_filter(alone, by_filter)
-
-    def _by_processes_of_earlier(self) -> Array:
-        """Derivative of the balance by a delay through the processes beside it, shape (n, 6)."""
-        segment = self.segment
-        found = np.zeros((len(self.at.time), DIRECTIONS))
-        changes = unmodelled_processes(segment, self.local, self.at.motion["rotation"], 1)
-        if changes.any():
-            found += np.einsum("nij,nj->ni", self.at.measured.unmodelled.wrench, changes)
-        for each, _, own in self.of_readings():
-            rate = segment.disturbance(each, self.local, 1)
-            found += np.einsum("nij,nj->ni", self.at.by_reading[:, :, own], rate)
-        return found
+        return in_units(by_attachment, torque, by_attachments(arms))
 
 
 def point_of(
@@ -394,7 +305,7 @@ def point_of(
     """
     asked = None
     if column_of is not None:
-        asked = frozenset(_asked(experiment, segment, calibration, column_of))
+        asked = frozenset(derivatives_asked(experiment, calibration, segment.run, column_of))
     moving = moving_at(experiment, segment, force_samples, calibration, parameters)
     at = balance_at(moving, experiment, segment, force_samples, calibration, factors)
     cables = (
@@ -465,40 +376,3 @@ def by_body_and_readings(
         own[:, :3, 0] -= down
         border.put(apparent, own)
     return border.collected()
-
-
-def _pulling(
-    experiment: Experiment, calibration: CalibrationValues, run: str
-) -> dict[str, list[slice]]:
-    """What pulls at the platform beside cables and body -> where what is known of it stands, as it
-    acts in a run.
-    """
-    parameters, m = calibration.calibration_parameters, experiment.robot.m
-    parts = {"hoses": [key for key, _ in hose_keys(parameters)]}
-    if m:
-        parts["attached"], parts["air"] = ([key for key, _ in each] for each in (ATTACHED, AIR))
-        parts["swivel"] = [SWIVEL] if calibration.swivel().size else []
-    return {name: [parameters.place(ROBOT, k, run) for k in keys] for name, keys in parts.items()}
-
-
-def _asked(
-    experiment: Experiment,
-    segment: Segment,
-    calibration: CalibrationValues,
-    column_of: NDArray[np.intp],
-) -> Iterator[str]:
-    """By what the balance is to have derivatives beside the motion, see
-    :func:`.derivatives_of_balance`.
-    """
-    parameters = calibration.calibration_parameters
-    yield "parameters"
-    moves = parameters.place_of_apparent(segment.run)
-    if moves is not None and has_column(column_of, moves):
-        yield "weight"
-    for key, error in (("drag", DRAG), ("gravity", "gravity"), *_GEOMETRY):
-        place = parameters.places.get((ROBOT, error, None))
-        if place is not None and has_column(column_of, place):
-            yield key
-    for name, places in _pulling(experiment, calibration, segment.run).items():
-        if any(has_column(column_of, place) for place in places):
-            yield name

@@ -16,8 +16,8 @@ from steelyard.identification.model.calibration_parameters import (
     ATTACHED,
     CalibrationValues,
 )
-from steelyard.identification.model.motion_residuals import reference_clocks, time_of
 from steelyard.identification.model.motion_segment import Segment
+from steelyard.identification.model.reading_times import reference_clocks, time_of
 from steelyard.identification.model.segment import Basis, motion_at
 from steelyard.inertia import TEN
 from steelyard.instruments.base import TIME_CONSTANT

@@ -27,7 +27,8 @@ from steelyard.identification.model.calibration_parameters.vector import (
     CalibrationParameter,
     CalibrationParameters,
 )
-from steelyard.identification.weighed_cells import WeighedCells, weighed_cells
+from steelyard.identification.weighing.tables import WeighedCells
+from steelyard.identification.weighing.weighed_cells import weighed_cells
 from steelyard.robot.covariance import POINTS
 
 _DRAGGED = 0.5

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.identification.model.calibration_parameters.keys import APPARENT, LOAD, ROBOT
-from steelyard.identification.weighed_cells import WeighedCells
+from steelyard.identification.weighing.tables import WeighedCells
 from steelyard.instruments import Instrument
 from steelyard.instruments.base import LATENCY
 from steelyard.instruments.length import ROLLER, ROLLER_AXIS

@@ -14,8 +14,8 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues
-from steelyard.identification.model.motion_residuals import reference_clocks, time_of
 from steelyard.identification.model.motion_segment import Reading, Segment
+from steelyard.identification.model.reading_times import reference_clocks, time_of
 from steelyard.identification.recursive.settings import RecursiveSettings
 
 Found = TypeVar("Found")

@@ -17,8 +17,8 @@ from steelyard.identification.model.calibration_parameters import (
     clock_of,
 )
 from steelyard.identification.model.force_residuals import sample_weight
-from steelyard.identification.model.motion_residuals import reference_clocks, time_of
 from steelyard.identification.model.motion_segment import Segment
+from steelyard.identification.model.reading_times import reference_clocks, time_of
 from steelyard.identification.solve.beginning.readings import Readings
 from steelyard.identification.solve.fit_state import FitState
 from steelyard.identification.solve.settings import FitSettings

@@ -15,14 +15,15 @@ from steelyard.identification.model.calibration_parameters import (
 )
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.sources import Source
-from steelyard.identification.samples.first_motion import (
+from steelyard.identification.samples.first_poses.first_motion import (
     FirstMotion,
     first_motion,
     lacks_pose,
     turns_are_told,
     with_first_motion,
 )
-from steelyard.identification.samples.preparation import Samples, prepare, with_every_cable
+from steelyard.identification.samples.preparation import prepare, with_every_cable
+from steelyard.identification.samples.prepared import Samples
 from steelyard.identification.samples.segmentation import Recorded, recorded
 from steelyard.identification.solve.settings import FIT, FitSettings
 

@@ -13,8 +13,8 @@ from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import clock_of
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.sources import Source
+from steelyard.identification.samples.first_poses.spline_through_poses import resampled
 from steelyard.identification.samples.segmentation import recorded
-from steelyard.identification.samples.spline_through_poses import resampled
 from steelyard.identification.solve.beginning.begin import Beginning
 from steelyard.identification.solve.beginning.motion_task import motion_task
 from steelyard.identification.solve.beginning.readings import Readings

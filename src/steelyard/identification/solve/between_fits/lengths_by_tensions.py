@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from steelyard.identification.model.motion_residuals import reference_clocks, time_of
+from steelyard.identification.model.reading_times import reference_clocks, time_of
 from steelyard.identification.solve.fitted import Fitted
 from steelyard.identification.solve.joint_fit import fit
 from steelyard.identification.solve.misfits.undisturbed_swings import slowly

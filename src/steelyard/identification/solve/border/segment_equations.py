@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import Balance, Forces, parts_of
-from steelyard.identification.model.carried_tensions import carried_tensions
 from steelyard.identification.model.force_residuals import (
     WhitenedBalance,
     whitened_balance,
@@ -24,6 +23,7 @@ from steelyard.identification.model.motion_residuals import motion_residuals
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import Label, Rows
 from steelyard.identification.model.sources import Source
+from steelyard.identification.model.tensions.carried import carried_tensions
 from steelyard.identification.solve.border.noise_in_derivatives import LeftNoise, regressor_noise
 from steelyard.identification.solve.border.normal_equations import Blocks, BorderEquations
 from steelyard.identification.solve.border.stretches import beginnings, by_stretches, numbers_of

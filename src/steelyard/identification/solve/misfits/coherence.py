@@ -14,8 +14,9 @@ from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance import Balance
 from steelyard.identification.model.calibration_parameters import CalibrationValues
-from steelyard.identification.model.motion_residuals import looked_at, reference_clocks
+from steelyard.identification.model.looked_at import looked_at
 from steelyard.identification.model.motion_segment import Reading, Segment
+from steelyard.identification.model.reading_times import reference_clocks
 from steelyard.identification.solve.settings import FIT, FitSettings
 
 

@@ -16,12 +16,9 @@ from scipy.optimize import minimize_scalar
 
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import Forces
-from steelyard.identification.model.motion_residuals import (
-    looked_at,
-    rate_along,
-    reference_clocks,
-)
+from steelyard.identification.model.looked_at import looked_at, rate_along
 from steelyard.identification.model.motion_segment import Reading, Segment
+from steelyard.identification.model.reading_times import reference_clocks
 from steelyard.identification.model.sources import Source
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit

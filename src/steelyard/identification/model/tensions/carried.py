@@ -17,21 +17,20 @@ from steelyard.identification.model.balance import (
     part_of,
 )
 from steelyard.identification.model.balance.linearised import BalancePoint, point_of
+from steelyard.identification.model.balance.linearised_in_time import delays, place_of_filter
 from steelyard.identification.model.balance.slopes import AROUND, slopes
+from steelyard.identification.model.border import Border
 from steelyard.identification.model.calibration_parameters import (
     DRAG,
     ROBOT,
     CalibrationValues,
-)
-from steelyard.identification.model.followed_tensions import Carried
-from steelyard.identification.model.motion_residuals import (
-    Border,
 )
 from steelyard.identification.model.motion_segment import CarriedTensions, Segment
 from steelyard.identification.model.segment import (
     POSE,
 )
 from steelyard.identification.model.sources import Source
+from steelyard.identification.model.tensions.followed import Carried
 from steelyard.inertia import TEN
 
 
@@ -131,9 +130,9 @@ def _carried_of(
         # The motion tells what carries the body at a given time. Beside that pulls what is read then,
         # which is another reading where clocks have another delay.
         later = kept @ rate[:, :, None]
-        for place, sign in point.delays():
+        for place, sign in delays(point):
             border.put(place, sign * later)
-        if (of_filter := point.place_of_filter()) is not None:
+        if (of_filter := place_of_filter(point)) is not None:
             border.put(of_filter, later)
     drag = point.calibration.calibration_parameters.places[ROBOT, DRAG, None]
     if not point.segment.static and point.asks(drag):

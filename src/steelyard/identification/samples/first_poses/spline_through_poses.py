@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from steelyard.arrays import Array
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import motion_at
-from steelyard.identification.samples.preparation import Samples
+from steelyard.identification.samples.prepared import Samples
 from steelyard.rotations import quaternions_of
 from steelyard.smoothing import DEGREE, Samples1D, fit
 

@@ -1,0 +1,1 @@
+"""Poses to begin with where no instrument tells one by itself."""

@@ -1,0 +1,1 @@
+"""What dead weights tell of force sensors."""
