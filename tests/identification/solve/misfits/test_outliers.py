@@ -241,6 +241,38 @@ def test_a_push_that_one_cable_after_the_other_seems_to_explain_is_a_contact():
     assert found.spikes == ()
 
 
+def test_what_one_cable_explains_of_a_push_belongs_to_the_contact():
+    """A push of 4 % of the weight began with ten samples that one cable explained: they were its spikes, the
+    others stayed, and the estimate was 1.8 times off what it stated."""
+    beginning = np.flatnonzero(between(2.5, 2.98))
+    seen = [(int(sample), 4, 200.0) for sample in beginning if sample % 4]
+    forces = CABLES.with_more(spike((len(TIMES), 8), *seen), CABLES.noisy(23))
+    found = CABLES.look(CABLES.pushed(push(3.0, 3.5, *PUSHES["hard"]), forces))
+    ((first, last),) = found.contacts
+    assert (first, last) == (pytest.approx(2.5, abs=MARGIN), pytest.approx(3.5, abs=MARGIN))
+    assert found.spikes == ()
+
+
+def test_single_spikes_near_a_push_stay_spikes():
+    samples = [int(np.argmin(abs(TIMES - time))) for time in (1.0, 2.7, 3.9, 6.0)]
+    forces = CABLES.with_more(
+        spike((len(TIMES), 8), *((sample, 4, 200.0) for sample in samples)), CABLES.noisy(24)
+    )
+    found = CABLES.look(CABLES.pushed(push(3.0, 3.5, *PUSHES["hard"]), forces))
+    ((first, last),) = found.contacts
+    assert (first, last) == (pytest.approx(3.0, abs=MARGIN), pytest.approx(3.5, abs=MARGIN))
+    assert found.spikes == tuple((pytest.approx(TIMES[sample]), 4) for sample in samples)
+
+
+def test_a_contact_that_would_take_too_much_is_left_out_as_far_as_no_cable_explains_it():
+    beginning = [(int(sample), 4, 200.0) for sample in np.flatnonzero(between(0.0, 2.98))]
+    forces = CABLES.with_more(spike((len(TIMES), 8), *beginning), CABLES.noisy(25))
+    found = CABLES.look(CABLES.pushed(push(3.0, 3.5, *PUSHES["hard"]), forces))
+    ((first, last),) = found.contacts
+    assert (first, last) == (pytest.approx(3.0, abs=MARGIN), pytest.approx(3.5, abs=MARGIN))
+    assert {cable for _, cable in found.spikes} == {4}
+
+
 def test_a_push_on_a_wrench_sensor_is_found_as_a_contact():
     found = SENSOR.look(
         SENSOR.pushed(push(3.0, 3.5, (20.0, 15.0, 0.0), (0.0, 0.0, 0.3)), SENSOR.noisy(8))

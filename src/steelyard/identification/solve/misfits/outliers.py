@@ -4,6 +4,7 @@ platform.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,13 +53,18 @@ def look(
     spikes = (largest > settings.alone) & (rest < limit(5))
     spikes &= ~_in_a_row(spikes, worst, 2 * settings.contact_samples)
     left_out[np.flatnonzero(spikes), worst[spikes]] = True
-    contacts = _contacts(at.time, (size > limit(6)) & ~spikes & ~force_samples.touched, settings)
-    touched = np.zeros(len(size), dtype=bool)
-    for start, end in contacts:
-        touched |= (at.time >= start) & (at.time <= end)
     already = force_samples.touched
-    if (touched | already).mean() > settings.most_cut:
-        contacts, touched = (), np.zeros_like(touched)
+    large = (size > limit(6)) & ~spikes & ~already
+    found = _found(at.time, large, settings)
+    # What one reading explains while something touches is no spike of its sensor.
+    whole = [_grown(each, (large | spikes) & ~already) for each in found]
+    for each in (whole, found, []):
+        contacts = _with_margins(at.time, each, settings)
+        touched = np.zeros(len(size), dtype=bool)
+        for start, end in contacts:
+            touched |= (at.time >= start) & (at.time <= end)
+        if (touched | already).mean() <= settings.most_cut:
+            break
     left_out[touched] = True
     return StandingOut(
         force_samples=replace(force_samples, left_out=left_out),
@@ -90,15 +96,46 @@ def _in_a_row(spikes: NDArray[np.bool_], worst: NDArray[np.intp], many: int) -> 
     return found
 
 
-def _contacts(
-    time: Array, large: NDArray[np.bool_], settings: FitSettings
-) -> tuple[tuple[float, float], ...]:
-    """Stretches with several large residuals close to each other [s]."""
-    return tuple(
-        (
-            float(time[first]) - settings.contact_margin,
-            float(time[last - 1]) + settings.contact_margin,
-        )
+def _found(time: Array, large: NDArray[np.bool_], settings: FitSettings) -> list[tuple[int, int]]:
+    """Stretches with several large residuals close to each other: first sample, and the one behind the
+    last.
+    """
+    return [
+        (first, last)
         for first, last in joined_stretches(time, large, settings.contact_pause)
         if np.count_nonzero(large[first:last]) >= settings.contact_samples
-    )
+    ]
+
+
+def _grown(stretch: tuple[int, int], off: NDArray[np.bool_]) -> tuple[int, int]:
+    """A stretch with what is off before and behind it, as far as most samples are.
+
+    Args:
+        stretch: First sample, and the one behind the last.
+        off: Which samples are off, shape (n,).
+    """
+    first, last = stretch
+    return first - _mostly(off[:first][::-1]), last + _mostly(off[last:])
+
+
+def _mostly(off: NDArray[np.bool_]) -> int:
+    """How many samples from the first one on are off as a rule, shape (n,)."""
+    many = np.arange(1, len(off) + 1)
+    return int(np.max(many[off & (2 * np.cumsum(off) > many)], initial=0))
+
+
+def _with_margins(
+    time: Array, contacts: Sequence[tuple[int, int]], settings: FitSettings
+) -> tuple[tuple[float, float], ...]:
+    """Beginning and end of stretches [s], what is left out about them included; those that meet as
+    one.
+    """
+    joined: list[tuple[float, float]] = []
+    for first, last in contacts:
+        start = float(time[first]) - settings.contact_margin
+        end = float(time[last - 1]) + settings.contact_margin
+        if joined and start <= joined[-1][1]:
+            joined[-1] = joined[-1][0], max(end, joined[-1][1])
+        else:
+            joined.append((start, end))
+    return tuple(joined)
