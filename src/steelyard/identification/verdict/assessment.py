@@ -358,5 +358,5 @@ def _of_bias(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     if worst > settings.biased:
         yield (
             f"noise in the motion biases least squares by {worst:.1f} sigma before correction; use"
-            " better motion data or the method instrumental-variables"
+            " better motion data or the method maximum-likelihood"
         )
