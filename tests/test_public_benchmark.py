@@ -10,6 +10,9 @@ import pytest
 from places import ROOT
 from scipy.spatial.transform import Rotation
 
+from steelyard.robot.kinematics import cables_at
+from steelyard.robot.model import CableProperties, Robot
+
 HOME = ROOT / "benchmarks" / "public"
 TRUTH = [10.0, 0.1, 0.0, 0.0, 2.0, 2.0, 1.0, 0.0, 0.0, 0.0]
 
@@ -18,7 +21,7 @@ TRUTH = [10.0, 0.1, 0.0, 0.0, 2.0, 2.0, 1.0, 0.0, 0.0, 0.0]
 def public(monkeypatch):
     """Imports a module of the benchmark, whose folder is no package."""
     monkeypatch.syspath_prepend(str(HOME))
-    names = ("score", "recording", "robots", "generate", "run")
+    names = ("score", "recording", "robots", "simulator", "generate", "run")
     yield importlib.import_module
     for name in [*names, *(each for each in sys.modules if each.split(".")[0] == "peers")]:
         sys.modules.pop(name, None)
@@ -153,7 +156,7 @@ def test_friction_builds_up_to_one_and_turns(public):
 def test_example_method_from_a_recording_to_the_table(public, tmp_path, monkeypatch):
     """A recording of a second, through the files, the example and the scorer."""
     generate, run, score = (public(name) for name in ("generate", "run", "score"))
-    monkeypatch.setattr(generate, "SETTLING", 1.0)
+    monkeypatch.setattr(public("simulator"), "SETTLING", 1.0)
     robot = generate.ROBOTS["cogiro"]
     robot = replace(robot, reach=robot.reach / 20)
     name = "cogiro/plain-00"
@@ -175,6 +178,124 @@ def test_example_method_from_a_recording_to_the_table(public, tmp_path, monkeypa
     assert own["null"] == pytest.approx(0.6)
     assert own["error"]["mass"] < 0.1
     assert "example: weighing" in score.markdown(scored)
+
+
+def cables_of(simulator, condition):
+    """Cables of CoGiRo in a condition of the benchmark, and CoGiRo."""
+    robot, own = simulator.ROBOTS["cogiro"], simulator.CONDITIONS[condition]
+    return robot, simulator.Cables.of(robot, own, robot.anchors, robot.attachments)
+
+
+def as_the_package_has_it(robot, cables):
+    """The same robot in the terms of the package."""
+    m = len(robot.anchors)
+    return Robot(
+        name=robot.name,
+        anchors=robot.anchors,
+        attachments=robot.attachments,
+        pulley_radius=np.full(m, cables.roller_radius),
+        pulley_axis=np.tile([0.0, 0.0, 1.0], (m, 1)),
+        gravity=np.array([0.0, 0.0, -9.81]),
+        cable=CableProperties(
+            diameter=0.003,
+            axial_stiffness=robot.axial_stiffness,
+            linear_density=cables.linear_density or None,
+        ),
+    )
+
+
+@pytest.fixture
+def simulator(public):
+    module, robots = public("simulator"), public("robots")
+    module.ROBOTS, module.CONDITIONS = robots.ROBOTS, robots.CONDITIONS
+    return module
+
+
+@pytest.mark.mujoco
+def test_cables_leave_their_rollers_as_the_package_has_it(simulator):
+    robot, cables = cables_of(simulator, "rollers")
+    rng = np.random.default_rng(1)
+    position = robot.center + rng.normal(0, 0.5, (20, 3))
+    rotation = Rotation.from_rotvec(rng.normal(0, 0.2, (20, 3))).as_matrix()
+    ends = position[:, None] + np.einsum("nij,mj->nmi", rotation, robot.attachments)
+    leave, rolled_up = cables.leaving(ends)
+    own = simulator.structure_of(leave, robot.attachments, position, rotation)
+    ours = cables_at(
+        as_the_package_has_it(robot, cables), position, rotation, np.full((20, 8), 600.0)
+    ).structure
+    world = np.einsum("nij,nkjm->nkim", rotation, ours.reshape(20, 2, 3, 8)).reshape(own.shape)
+    np.testing.assert_allclose(own, world, atol=1e-12)
+    # What lies on the roller and the straight part follow the end as the straight part alone does.
+    step = 1e-6
+    for axis in np.eye(3):
+        longer = [
+            rolled + np.linalg.norm(away - there, axis=2)
+            for there in (ends + step * axis, ends - step * axis)
+            for away, rolled in [cables.leaving(there)]
+        ]
+        slope = (longer[0] - longer[1]) / (2 * step)
+        along = (ends - leave) / np.linalg.norm(ends - leave, axis=2, keepdims=True)
+        np.testing.assert_allclose(slope, along @ axis, atol=1e-8)
+    assert rolled_up.min() > 0.06 * np.pi / 2
+
+
+@pytest.mark.slow
+@pytest.mark.mujoco
+def test_cables_with_weight_hang_and_vibrate_as_strings_do(simulator):
+    robot, cables = cables_of(simulator, "heavy-cables")
+    chains = simulator._Chains(robot, cables)
+    model, data = chains.model, chains.data
+    data.qpos[:3], data.qpos[3] = robot.center, 1.0
+    fed = simulator.fed_lengths(robot, cables, np.concatenate([robot.center, np.zeros(3)])[None])[0]
+    chains.fed(fed, np.zeros(8))
+    model.dof_damping[:6] = 8.0 * robot.mass
+    simulator.mujoco.mj_step(model, data, nstep=16_000)
+    tension, last = chains.seen(fed, np.zeros(8))
+    position = data.qpos[None, :3].copy()
+    rotation = Rotation.from_quat(data.qpos[3:7], scalar_first=True).as_matrix()[None]
+    own = simulator.structure_of(last.reshape(1, 8, 3), robot.attachments, position, rotation)[0]
+    catenary = cables_at(
+        as_the_package_has_it(robot, cables), position, rotation, tension[None]
+    ).structure[0]
+    world = (rotation @ catenary.reshape(2, 3, 8)).reshape(own.shape)
+    np.testing.assert_allclose(own, world, atol=1e-5)
+    # It does not move, and forces bear its weight and that of half of the cables.
+    assert (own @ tension)[2] == pytest.approx(9.81 * robot.mass, rel=1e-4)
+    # The first cable is plucked: the frequency of a string of its length, weight and tension.
+    chains.settled()
+    data.qvel[:] = 0.0
+    shape = np.sin(np.pi * (np.arange(simulator.MASSES) + 0.5) / simulator.MASSES)
+    data.qvel[6 : 6 + 3 * simulator.MASSES : 3] = 0.5 * shape
+    seen = []
+    for _ in range(8000):
+        simulator.mujoco.mj_step(model, data)
+        seen.append(data.qpos[7 + 3 * (simulator.MASSES // 2)])
+    size = np.abs(np.fft.rfft((np.array(seen) - np.mean(seen)) * np.hanning(len(seen)), 2**17))
+    frequency = np.fft.rfftfreq(2**17, model.opt.timestep)[np.argmax(size)]
+    string = np.sqrt(tension[0] / cables.linear_density) / (2 * fed[0])
+    assert frequency == pytest.approx(string, rel=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.mujoco
+@pytest.mark.parametrize("condition", ["plain", "rollers", "heavy-cables"])
+def test_the_cables_move_the_body(simulator, condition):
+    """By Newton and Euler: forces of hundreds of newtons leave a hundredth of one."""
+    robot, cables = cables_of(simulator, condition)
+    # Far from slack: cables that come tight again jerk.
+    robot = replace(robot, reach=robot.reach / 4)
+    moved = simulator.taut(robot, cables, 2.0, np.random.default_rng(1))
+    at = moved.at(np.arange(0.1, 1.9, simulator.SEEN * 5))
+    structure = simulator.structure_of(at.leave, robot.attachments, at.position, at.rotation)
+    wrench = np.einsum("nkm,nm->nk", structure, at.tension).reshape(-1, 2, 3)
+    force, torque = np.einsum("nji,nkj->nki", at.rotation, wrench).transpose(1, 0, 2)
+    c, J = robot.center_of_gravity, robot.inertia
+    needed = robot.mass * (
+        at.specific_force + np.cross(at.alpha, c) + np.cross(at.omega, np.cross(at.omega, c))
+    )
+    spin = at.alpha @ J + np.cross(at.omega, at.omega @ J)
+    np.testing.assert_allclose(force, needed, atol=0.01)
+    np.testing.assert_allclose(torque, spin + np.cross(c, needed), atol=0.01)
 
 
 @pytest.mark.slow

@@ -1,7 +1,7 @@
 """Recordings of the public benchmark: `python benchmarks/public/generate.py [--seeds N] [--out DIR]`.
 
-A rigid body on elastic cables in MuJoCo, and sensor models of its own: nothing of steelyard is in
-it. A seed gives the same recording.
+What MuJoCo moves (`simulator.py`) as sensors of its own see it: nothing of steelyard is in it. A seed
+gives the same recording.
 """
 
 from __future__ import annotations
@@ -11,175 +11,23 @@ import hashlib
 import json
 import sys
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 from robots import CONDITIONS, GRAVITY, ROBOTS, Array, Condition, PublicRobot, Sensing, sensing_of
-from scipy.interpolate import BSpline, make_interp_spline
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
+from simulator import SEEN, Cables, Motion, structure_of, taut
 
 FORMAT = "cable-robot-benchmark/1"
 HERE = Path(__file__).parent
 DURATION = 20.0
 """[s]"""
-DAMPING_RATIO = 0.05
-"""Of each cable with a quarter of the platform's mass."""
-SETTLING = 4.0
-"""For which the platform comes to rest, heavily damped, before the recording begins [s]."""
-SEEN = 2e-3
-"""Between kept states [s]."""
 TRACKER_RATE = 200.0
 """[Hz]"""
-_ATTEMPTS = 8
-"""Motions that are drawn until no cable goes slack."""
 PARAMETERS = ("mass", "cx", "cy", "cz", "Jxx", "Jyy", "Jzz", "Jyz", "Jxz", "Jxy")
-
-
-def commanded(robot: PublicRobot, duration: float, rng: np.random.Generator) -> BSpline:
-    """A multisine in six axes that begins and ends at rest: x, y, z [m] and a rotation vector."""
-    t = np.linspace(0.0, duration, round(duration * 100) + 1)
-    lowest = 1.0 / duration
-    count = max(2, int(robot.frequency / lowest))
-    frequencies = lowest * np.arange(2, count + 1)
-    phases = rng.uniform(0, 2 * np.pi, (6, len(frequencies)))
-    wave = np.sin(2 * np.pi * frequencies * t[:, None, None] + phases).sum(axis=2)
-    wave /= wave.std(axis=0)
-    ramp = np.clip(np.minimum(t, duration - t) / min(2.0, duration / 4), 0.0, 1.0)
-    smooth = ramp**4 * (35 - 84 * ramp + 70 * ramp**2 - 20 * ramp**3)
-    # Peaks are held within 2.2 sigma, so that no cable goes slack.
-    wave = 2.2 * np.tanh(wave / 2.2) * smooth[:, None] * robot.reach
-    return make_interp_spline(t, wave + np.concatenate([robot.center, np.zeros(3)]), k=5)
-
-
-def structure_of(anchors: Array, attachments: Array, position: Array, rotation: Array) -> Array:
-    """Wrench of unit tensions about the platform's origin, world axes, shape (n, 6, m)."""
-    arm = np.einsum("nij,mj->nmi", rotation, attachments)
-    direction = anchors - position[:, None, :] - arm
-    direction /= np.linalg.norm(direction, axis=2, keepdims=True)
-    return np.concatenate([direction, np.cross(arm, direction)], axis=2).transpose(0, 2, 1)
-
-
-def fed_lengths(robot: PublicRobot, anchors: Array, attachments: Array, pose: Array) -> Array:
-    """Unstrained lengths that hold the body in poses, as well as the cables can, shape (n, m)."""
-    rotation = Rotation.from_rotvec(pose[:, 3:]).as_matrix()
-    structure = structure_of(anchors, attachments, pose[:, :3], rotation)
-    weight = np.array([0.0, 0.0, -GRAVITY * robot.mass])
-    arm = rotation @ robot.center_of_gravity
-    load = np.concatenate([np.tile(weight, (len(pose), 1)), np.cross(arm, weight)], axis=1)
-    even = np.full(len(anchors), robot.tension)
-    missing = -load - structure @ even
-    tension = np.maximum(even + np.einsum("nmk,nk->nm", np.linalg.pinv(structure), missing), 0.0)
-    length = np.linalg.norm(
-        anchors - pose[:, None, :3] - np.einsum("nij,mj->nmi", rotation, attachments), axis=2
-    )
-    return length / (1 + tension / robot.axial_stiffness)
-
-
-def _model(robot: PublicRobot, anchors: Array, attachments: Array) -> mujoco.MjModel:
-    """The platform on one tendon for each cable."""
-    numbers = lambda values: " ".join(f"{v:.17g}" for v in values)  # noqa: E731
-    J = robot.inertia
-    full = [J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2]]
-    sites = lambda letter, points: "".join(  # noqa: E731
-        f'<site name="{letter}{i}" pos="{numbers(p)}"/>' for i, p in enumerate(points)
-    )
-    tendons = "".join(
-        f'<spatial stiffness="1" damping="1"><site site="a{i}"/><site site="b{i}"/></spatial>'
-        for i in range(len(anchors))
-    )
-    return mujoco.MjModel.from_xml_string(f"""
-        <mujoco><option timestep="{robot.step}" integrator="RK4" gravity="0 0 {-GRAVITY}"/>
-        <worldbody>{sites("a", anchors)}<body name="platform"><freejoint/>
-        <inertial mass="{robot.mass}" pos="{numbers(robot.center_of_gravity)}" fullinertia="{numbers(full)}"/>
-        {sites("b", attachments)}</body></worldbody><tendon>{tendons}</tendon></mujoco>""")
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """What the platform did; arrays over n instants."""
-
-    position: Array
-    """Of the platform's origin in the world [m], shape (n, 3)."""
-    rotation: Array
-    """R_world_platform, shape (n, 3, 3)."""
-    omega: Array
-    """In the platform [rad/s], shape (n, 3)."""
-    alpha: Array
-    """Its derivative, in the platform [rad/s^2], shape (n, 3)."""
-    specific_force: Array
-    """Of the origin, in the platform [m/s^2], shape (n, 3)."""
-    tension: Array
-    """[N], shape (n, m)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Moved:
-    """A simulated recording, before any sensor has seen it."""
-
-    between: BSpline
-
-    def at(self, times: Array) -> Motion:
-        """At instants [s]."""
-        x = self.between(times)
-        rotation = Rotation.from_quat(x[:, 3:7], scalar_first=True).as_matrix()
-        upward = x[:, 13:16] + np.array([0.0, 0.0, GRAVITY])
-        force = np.einsum("nji,nj->ni", rotation, upward)
-        return Motion(x[:, :3], rotation, x[:, 10:13], x[:, 16:19], force, x[:, 19:])
-
-
-class SlackError(Exception):
-    """A cable went slack."""
-
-
-def moved(robot: PublicRobot, anchors: Array, attachments: Array, command: BSpline) -> Moved:
-    """Integrate the platform while the winches feed open loop."""
-    duration = float(command.t[-1])
-    known = np.linspace(0.0, duration, round(duration * 100) + 1)
-    feed = make_interp_spline(known, fed_lengths(robot, anchors, attachments, command(known)), k=5)
-    model = _model(robot, anchors, attachments)
-    data = mujoco.MjData(model)
-    data.qpos[:3], data.qpos[3] = command(0.0)[:3], 1.0
-    step, m = robot.step, len(anchors)
-
-    def springs(fed: Array, rate: Array) -> tuple[Array, Array]:
-        k = robot.axial_stiffness / fed
-        c = 2 * DAMPING_RATIO * np.sqrt(k * robot.mass / 4)
-        model.tendon_stiffness.reshape(m, -1)[:, 0] = k
-        model.tendon_damping.reshape(m, -1)[:, 0] = c
-        # MuJoCo's damper sees the whole rate of the tendon; what is fed is taken off here. A spring
-        # within (0, length) does not push.
-        model.tendon_lengthspring[:, 0] = 0.0
-        model.tendon_lengthspring[:, 1] = fed + c / k * rate
-        return k, c
-
-    springs(feed(0.0), np.zeros(m))
-    translation, turning = 8.0 * robot.mass, 8.0 * np.trace(robot.inertia) / 3
-    model.dof_damping[:] = [translation] * 3 + [turning] * 3
-    mujoco.mj_step(model, data, nstep=round(SETTLING / step))
-    model.dof_damping[:] = 0.0
-    data.qvel[:] = 0.0
-    every, count = round(SEEN / step), round(duration / step)
-    middle = (np.arange(count) + 0.5) * step
-    lengths, rates = feed(middle), feed(middle, nu=1)
-    seen = []
-    for i in range(count + 1):
-        if i % every == 0:
-            fed, rate = feed(i * step), feed(i * step, nu=1)
-            k, c = springs(fed, rate)
-            mujoco.mj_forward(model, data)
-            tension = k * (data.ten_length - fed) + c * (data.ten_velocity - rate)
-            seen.append(np.concatenate([data.qpos, data.qvel, data.qacc, tension]))
-        if i < count:
-            springs(lengths[i], rates[i])
-            mujoco.mj_step(model, data)
-    states = np.array(seen)
-    if states[:, 19:].min() <= 0:
-        raise SlackError(f"{robot.name}: a cable went slack")
-    return Moved(make_interp_spline(np.arange(0, count + 1, every) * step, states, k=5))
 
 
 def rolled(length: Array, presliding: float) -> Array:
@@ -263,23 +111,6 @@ class Recording:
     truth: dict[str, Any]
 
 
-def _taut(
-    robot: PublicRobot,
-    anchors: Array,
-    attachments: Array,
-    duration: float,
-    rng: np.random.Generator,
-) -> Moved:
-    """A motion in which no cable goes slack: another, smaller one is drawn until that is so."""
-    for attempt in range(_ATTEMPTS):
-        smaller = replace(robot, reach=robot.reach * 0.85**attempt)
-        try:
-            return moved(smaller, anchors, attachments, commanded(smaller, duration, rng))
-        except SlackError:
-            continue
-    raise SlackError(f"{robot.name}: a cable went slack in {_ATTEMPTS} motions; reduce its reach")
-
-
 def recorded(
     robot: PublicRobot, condition: Condition, name: str, seed: int, duration: float = DURATION
 ) -> Recording:
@@ -288,7 +119,8 @@ def recorded(
     path, draw, noise = np.random.default_rng(seed).spawn(3)
     errors = drawn(robot, sensing, draw)
     anchors, attachments = robot.anchors + errors.anchor, robot.attachments + errors.attachment
-    response = _taut(robot, anchors, attachments, duration, path)
+    cables = Cables.of(robot, condition, anchors, attachments)
+    response = taut(robot, cables, duration, path)
     step = 1 / sensing.rate
     t = np.arange(noise.uniform(0, step), duration, step)
     motion = response.at(t)
@@ -297,7 +129,7 @@ def recorded(
         fine = np.arange(0.0, duration, SEEN)
         points = response.at(fine)
         ends = points.position[:, None] + np.einsum("nij,mj->nmi", points.rotation, attachments)
-        state = rolled(np.linalg.norm(anchors - ends, axis=2), condition.presliding)
+        state = rolled(np.linalg.norm(points.leave - ends, axis=2), condition.presliding)
         built_up = np.column_stack([np.interp(t, fine, each) for each in state.T])
         # What runs in is pulled over the roller: the cell at the winch sees more.
         tension = tension * (1 - condition.friction * built_up)
@@ -333,7 +165,7 @@ def recorded(
     origin, tracker_origin = noise.uniform(0, 5, 2)
     # A constant offset and a gain of every cell are no constant wrench on a platform that moves:
     # here the offsets are what they make where the motion begins, and the gains are exact.
-    structure = structure_of(anchors, attachments, motion.position, motion.rotation)
+    structure = structure_of(motion.leave, attachments, motion.position, motion.rotation)
     in_platform = np.einsum(
         "nji,nkjm->nkim", motion.rotation, structure.reshape(len(t), 2, 3, -1)
     ).reshape(structure.shape)
@@ -382,6 +214,11 @@ def _description(
         "anchors": robot.anchors.tolist(),
         "attachments": robot.attachments.tolist(),
         "axial_stiffness": robot.axial_stiffness,
+        **{
+            key: value
+            for key in ("roller_radius", "linear_density")
+            if (value := getattr(condition, key))
+        },
         "force_cells": "winch" if condition.friction else "platform",
         "imu_position": robot.imu.tolist(),
         "target": robot.target.tolist(),
@@ -440,7 +277,9 @@ World axes: z up, gravity {gravity} m/s^2. Platform axes: those in which `attach
 platform axes and the tracker frame is the world frame. `sync` is the time of one common event on each clock; a stamp of
 the tracker is late by an error of the 1-sigma `delay` beside that. A reading of a force cell is gain x tension + offset +
 noise. `sigma` in `description.json` has the 1-sigma of every error; noise is white, other errors are constant. Cables are
-straight, massless and elastic (EA = {stiffness:g} N), from `anchors` (world) to `attachments` (platform) [m].
+straight, massless and elastic (EA = {stiffness:g} N), from `anchors` (world) to `attachments` (platform) [m]. With
+`linear_density` [kg/m] in `description.json` they have weight, and sag. With `roller_radius` [m] a cable comes up at its anchor,
+enters there a roller that swivels about this vertical line, goes over its top and leaves it along a tangent.
 
 `platform.csv` has exact clocks, exact mounting and exact geometry: `t`; position `x y z` [m] and orientation `qw qx qy qz`
 of the platform in the world; angular velocity `wx wy wz` [rad/s] and specific force `ax ay az` of the platform's origin

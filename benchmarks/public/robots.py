@@ -240,6 +240,10 @@ class Condition:
     """Time constant with which the orientation follows the accelerometer [s]."""
     late: float = 0.0
     """How late the tracker's clock is beside what is drawn [s]."""
+    roller_radius: float = 0.0
+    """Of the rollers over which cables leave [m]."""
+    linear_density: float = 0.0
+    """Of the cables [kg/m]."""
     robots: tuple[str, ...] = field(default=tuple(ROBOTS))
 
 
@@ -264,6 +268,16 @@ CONDITIONS = {
     "late-clock": Condition(
         "as plain; the tracker's clock is 60 ms late, five of its stated 1-sigma",
         late=0.06,
+        robots=("cogiro",),
+    ),
+    "rollers": Condition(
+        "as plain; cables come up posts and leave over swivelling rollers of 60 mm radius",
+        roller_radius=0.06,
+        robots=("cogiro",),
+    ),
+    "heavy-cables": Condition(
+        "as plain; cables weigh 80 g/m, and sag",
+        linear_density=0.08,
         robots=("cogiro",),
     ),
 }

@@ -18,15 +18,14 @@ _RECORDER = {"clock": "recorder"}
 
 def _robot(about: dict[str, Any], *, cables: bool) -> dict[str, Any]:
     pairs = zip(about["anchors"], about["attachments"], strict=True) if cables else ()
+    cable = {key: about[key] for key in ("axial_stiffness", "linear_density") if key in about}
+    roller = {"radius": about["roller_radius"]} if "roller_radius" in about else {}
+    over = {"pulley": {**roller, "axis": [0, 0, 1]}} if roller else {}
     return {
         "name": about["robot"],
         "gravity": about["gravity"],
-        "cables": [{"anchor": a, "attachment": b} for a, b in pairs],
-        **(
-            {"cable": {"diameter": 0.003, "axial_stiffness": about["axial_stiffness"]}}
-            if cables
-            else {}
-        ),
+        "cables": [{"anchor": a, "attachment": b, **over} for a, b in pairs],
+        **({"cable": {"diameter": 0.003, **cable}} if cables else {}),
     }
 
 
