@@ -36,10 +36,11 @@ class Course:
     """Mass, centre of gravity, inertia about it (xx, yy, zz, yz, xz, xy), all as one rigid body."""
     slack: float
     """Part of the time in which a cable is slack."""
+    cables: public.Cables
 
     def at(self, times: Array) -> public.Motion:
         """At instants [s]."""
-        return public.Moved(self.between).at(times)
+        return public.Moved(self.between, self.cables).at(times)
 
 
 def _numbers(values: Array) -> str:
@@ -242,8 +243,11 @@ def course(
     command = _command(robot, kind, duration, rng)
     few = len(anchors) < 6
     known = np.linspace(0.0, duration, round(duration * (10 if few else 100)) + 1)
-    lengths_of = _hanging if few else public.fed_lengths
-    lengths = lengths_of(carrying, anchors, attachments, command(known))
+    cables = public.Cables(anchors, attachments, plain.axial_stiffness)
+    if few:
+        lengths = _hanging(carrying, anchors, attachments, command(known))
+    else:
+        lengths = public.fed_lengths(carrying, cables, command(known))
     feed = make_interp_spline(known, lengths, k=5)
     model = _model(robot, kind, anchors, attachments)
     data = mujoco.MjData(model)
@@ -287,4 +291,4 @@ def course(
     states = np.array(seen)
     times = np.arange(0, count + 1, every) * plain.step
     slack = float(np.mean(states[:, 19:].min(axis=1) <= 0))
-    return Course(make_interp_spline(times, states, k=5), feed, body, slack)
+    return Course(make_interp_spline(times, states, k=5), feed, body, slack, cables)

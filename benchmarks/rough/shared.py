@@ -15,10 +15,12 @@ _HOME = str(Path(__file__).parents[1] / "public")
 
 def _lent() -> SimpleNamespace:
     """Modules of a folder that is no package, under their own names for the moment of import."""
-    before = {name: sys.modules.pop(name, None) for name in ("robots", "generate")}
+    before = {name: sys.modules.pop(name, None) for name in ("robots", "simulator", "generate")}
     sys.path.insert(0, _HOME)
     try:
-        robots, generate = importlib.import_module("robots"), importlib.import_module("generate")
+        robots, simulator, generate = (
+            importlib.import_module(name) for name in ("robots", "simulator", "generate")
+        )
     finally:
         sys.path.remove(_HOME)
         for name, module in before.items():
@@ -32,14 +34,15 @@ def _lent() -> SimpleNamespace:
         FOUR_CABLES=robots.FOUR_CABLES,
         EIGHT_TIGHT=robots.EIGHT_TIGHT,
         DESK=robots.DESK,
-        DAMPING_RATIO=generate.DAMPING_RATIO,
-        SETTLING=generate.SETTLING,
-        SEEN=generate.SEEN,
-        Moved=generate.Moved,
-        Motion=generate.Motion,
-        commanded=generate.commanded,
-        fed_lengths=generate.fed_lengths,
-        structure_of=generate.structure_of,
+        DAMPING_RATIO=simulator.DAMPING_RATIO,
+        SETTLING=simulator.SETTLING,
+        SEEN=simulator.SEEN,
+        Cables=simulator.Cables,
+        Moved=simulator.Moved,
+        Motion=simulator.Motion,
+        commanded=simulator.commanded,
+        fed_lengths=simulator.fed_lengths,
+        structure_of=simulator.structure_of,
         rolled=generate.rolled,
         quaternions=generate._quaternions,
         rotation_of=generate._exp,
