@@ -199,6 +199,11 @@ class Result:
         path.write_text(json.dumps(asdict(self), indent=1) + "\n", encoding="utf-8")
 
 
+def told(value: float, digits: int) -> str:
+    """A number of a table; a dash where no draw has told it."""
+    return f"{value:.{digits}f}" if np.isfinite(value) else "-"
+
+
 def errors(found: Study, label: str) -> Iterator[tuple[str, ...]]:
     """Rows of the table of a chapter about errors."""
     for name, each in found.methods.items():
@@ -211,9 +216,9 @@ def errors(found: Study, label: str) -> Iterator[tuple[str, ...]]:
         small = [str(p) for p in range(10) if each.outcome(p) == "too small"]
         yield (
             label, name, str(each.count), f"{each.accepted}/{each.rejected}",
-            f"{100 * np.nanmean(each.coverage):.1f}",
-            f"{np.nanmean(each.chi_square):.2f}", f"{np.nanmax(each.chi_square):.2f}",
-            f"{each.joint / 10:.2f}", f"{ratio:.2f}", str(len(small)),
+            told(100 * np.nanmean(each.coverage), 1),
+            told(np.nanmean(each.chi_square), 2), told(np.nanmax(each.chi_square), 2),
+            told(each.joint / 10, 2), told(ratio, 2), str(len(small)),
         )  # fmt: skip
 
 
