@@ -216,8 +216,8 @@ def errors(found: Study, label: str) -> Iterator[tuple[str, ...]]:
         small = [str(p) for p in range(10) if each.outcome(p) == "too small"]
         yield (
             label, name, str(each.count), f"{each.accepted}/{each.rejected}",
-            told(100 * np.nanmean(each.coverage), 1),
-            told(np.nanmean(each.chi_square), 2), told(np.nanmax(each.chi_square), 2),
+            told(float(100 * np.nanmean(each.coverage)), 1),
+            told(float(np.nanmean(each.chi_square)), 2), told(float(np.nanmax(each.chi_square)), 2),
             told(each.joint / 10, 2), told(ratio, 2), str(len(small)),
         )  # fmt: skip
 
