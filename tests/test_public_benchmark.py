@@ -180,10 +180,11 @@ def test_example_method_from_a_recording_to_the_table(public, tmp_path, monkeypa
     assert "example: weighing" in score.markdown(scored)
 
 
-def cables_of(simulator, condition):
-    """Cables of CoGiRo in a condition of the benchmark, and CoGiRo."""
-    robot, own = simulator.ROBOTS["cogiro"], simulator.CONDITIONS[condition]
-    return robot, simulator.Cables.of(robot, own, robot.anchors, robot.attachments)
+def cables_of(public, condition):
+    """CoGiRo, and its cables in a condition of the benchmark."""
+    robots = public("robots")
+    robot, own = robots.ROBOTS["cogiro"], robots.CONDITIONS[condition]
+    return robot, public("simulator").Cables.of(robot, own, robot.anchors, robot.attachments)
 
 
 def as_the_package_has_it(robot, cables):
@@ -206,14 +207,12 @@ def as_the_package_has_it(robot, cables):
 
 @pytest.fixture
 def simulator(public):
-    module, robots = public("simulator"), public("robots")
-    module.ROBOTS, module.CONDITIONS = robots.ROBOTS, robots.CONDITIONS
-    return module
+    return public("simulator")
 
 
 @pytest.mark.mujoco
-def test_cables_leave_their_rollers_as_the_package_has_it(simulator):
-    robot, cables = cables_of(simulator, "rollers")
+def test_cables_leave_their_rollers_as_the_package_has_it(public, simulator):
+    robot, cables = cables_of(public, "rollers")
     rng = np.random.default_rng(1)
     position = robot.center + rng.normal(0, 0.5, (20, 3))
     rotation = Rotation.from_rotvec(rng.normal(0, 0.2, (20, 3))).as_matrix()
@@ -241,16 +240,15 @@ def test_cables_leave_their_rollers_as_the_package_has_it(simulator):
 
 @pytest.mark.slow
 @pytest.mark.mujoco
-def test_cables_with_weight_hang_and_vibrate_as_strings_do(simulator):
-    robot, cables = cables_of(simulator, "heavy-cables")
-    chains = simulator._Chains(robot, cables)
-    model, data = chains.model, chains.data
+def test_cables_with_weight_hang_and_vibrate_as_strings_do(public, simulator):
+    robot, cables = cables_of(public, "heavy-cables")
+    springs = simulator.Springs(robot, cables)
+    model, data = springs.model, springs.data
     data.qpos[:3], data.qpos[3] = robot.center, 1.0
     fed = simulator.fed_lengths(robot, cables, np.concatenate([robot.center, np.zeros(3)])[None])[0]
-    chains.fed(fed, np.zeros(8))
-    model.dof_damping[:6] = 8.0 * robot.mass
+    springs.fed(fed, np.zeros(8))
     simulator.mujoco.mj_step(model, data, nstep=16_000)
-    tension, last = chains.seen(fed, np.zeros(8))
+    tension, last = springs.seen(fed, np.zeros(8))
     position = data.qpos[None, :3].copy()
     rotation = Rotation.from_quat(data.qpos[3:7], scalar_first=True).as_matrix()[None]
     own = simulator.structure_of(last.reshape(1, 8, 3), robot.attachments, position, rotation)[0]
@@ -262,7 +260,7 @@ def test_cables_with_weight_hang_and_vibrate_as_strings_do(simulator):
     # It does not move, and forces bear its weight and that of half of the cables.
     assert (own @ tension)[2] == pytest.approx(9.81 * robot.mass, rel=1e-4)
     # The first cable is plucked: the frequency of a string of its length, weight and tension.
-    chains.settled()
+    springs.damped([0.0] * 6, 0.0)
     data.qvel[:] = 0.0
     shape = np.sin(np.pi * (np.arange(simulator.MASSES) + 0.5) / simulator.MASSES)
     data.qvel[6 : 6 + 3 * simulator.MASSES : 3] = 0.5 * shape
@@ -279,9 +277,9 @@ def test_cables_with_weight_hang_and_vibrate_as_strings_do(simulator):
 @pytest.mark.slow
 @pytest.mark.mujoco
 @pytest.mark.parametrize("condition", ["plain", "rollers", "heavy-cables"])
-def test_the_cables_move_the_body(simulator, condition):
+def test_the_cables_move_the_body(public, simulator, condition):
     """By Newton and Euler: forces of hundreds of newtons leave a hundredth of one."""
-    robot, cables = cables_of(simulator, condition)
+    robot, cables = cables_of(public, condition)
     # Far from slack: cables that come tight again jerk.
     robot = replace(robot, reach=robot.reach / 4)
     moved = simulator.taut(robot, cables, 2.0, np.random.default_rng(1))

@@ -7,8 +7,8 @@ Cables with weight are chains of masses on such springs.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -63,7 +63,7 @@ class Cables:
     roller_radius: float = 0.0
     """[m]; 0: they leave from their anchors."""
     linear_density: float = 0.0
-    """[kg/m]; 0: they are straight."""
+    """[kg/m]; 0: they are straight. Cables over rollers are."""
 
     @classmethod
     def of(
@@ -72,6 +72,20 @@ class Cables:
         """Of a robot whose anchors and attachments are here."""
         radius, density = condition.roller_radius, condition.linear_density
         return cls(anchors, attachments, robot.axial_stiffness, radius, density)
+
+    @property
+    def masses(self) -> int:
+        """Of each cable; 0: none."""
+        return MASSES if self.linear_density else 0
+
+    def weighed(self, lengths: Array) -> Array:
+        """Masses along cables [kg], each three times, shape (3 m masses,).
+
+        Args:
+            lengths: Of the cables [m], shape (m,).
+        """
+        each = self.linear_density * lengths / max(self.masses, 1)
+        return np.repeat(each, 3 * self.masses)
 
     def leaving(self, ends: Array) -> tuple[Array, Array]:
         """Where straight cables leave towards their ends, shape (n, m, 3), and how much of them lies on
@@ -167,24 +181,6 @@ class SlackError(Exception):
     """A cable went slack."""
 
 
-class _InMujoco(Protocol):
-    """A platform on cables of one kind."""
-
-    model: mujoco.MjModel
-    data: mujoco.MjData
-
-    def fed(self, lengths: Array, rates: Array) -> None:
-        """Set the springs for what the winches have fed out, shape (m,), and how fast."""
-
-    def settled(self) -> None:
-        """Leave what damps while it comes to rest."""
-
-    def seen(self, lengths: Array, rates: Array) -> tuple[Array, Array]:
-        """Tensions at the platform, shape (m,), and where the last pieces come from, shape (3 m,) or
-        (0,).
-        """
-
-
 def _numbers(values: Array) -> str:
     return " ".join(f"{v:.17g}" for v in values)
 
@@ -206,122 +202,105 @@ def _model(
         {_sites("b", cables.attachments)}</body>{between}</worldbody><tendon>{tendons}</tendon></mujoco>""")
 
 
+def _sliding(name: str, place: Array) -> str:
+    """A mass that slides in all directions; how large it is, is set while it moves."""
+    axes = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
+    inertial = '<inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>'
+    return f'<body pos="{_numbers(place)}">{inertial}{axes}<site name="{name}"/></body>'
+
+
 def _spatial(*sites: str) -> str:
     """A spring along a straight line."""
     places = "".join(f'<site site="{each}"/>' for each in sites)
     return f'<spatial stiffness="1" damping="1">{places}</spatial>'
 
 
-class _Straight:
-    """Cables without weight, one spring each."""
+class Springs:
+    """The platform in MuJoCo on cables of one spring each, or of masses in the middle of equal parts with
+    springs between them.
+    """
 
     def __init__(self, robot: PublicRobot, cables: Cables) -> None:
-        tendons = "".join(_spatial(f"a{i}", f"b{i}") for i in range(len(cables.anchors)))
-        self.model = _model(robot, cables, robot.step, "", tendons)
-        self.data = mujoco.MjData(self.model)
         self._robot, self._cables = robot, cables
-        self._rotation = np.zeros(9)
-        self._free = np.zeros(len(cables.anchors))
-        self._k = self._c = self._free
-
-    def fed(self, lengths: Array, rates: Array) -> None:
-        """See :class:`_InMujoco`."""
-        m, rolled_up = len(lengths), np.zeros(len(lengths))
-        if self._cables.roller_radius:
-            # Where a cable leaves moves along with it: its length follows the attachment alone.
-            mujoco.mju_quat2Mat(self._rotation, self.data.qpos[3:7])
-            arms = self._cables.attachments @ self._rotation.reshape(3, 3).T
-            leave, on_rollers = self._cables.leaving((self.data.qpos[:3] + arms)[None])
-            self.model.site_pos[:m], rolled_up = leave[0], on_rollers[0]
-        k = self._robot.axial_stiffness / lengths
-        c = 2 * DAMPING_RATIO * np.sqrt(k * self._robot.mass / 4)
-        self._k, self._c, self._free = k, c, lengths - rolled_up
-        self.model.tendon_stiffness.reshape(m, -1)[:, 0] = k
-        self.model.tendon_damping.reshape(m, -1)[:, 0] = c
-        # MuJoCo's damper sees the whole rate of the tendon; what is fed is taken off here. A spring
-        # within (0, length) does not push.
-        self.model.tendon_lengthspring[:, 0] = 0.0
-        self.model.tendon_lengthspring[:, 1] = self._free + c / k * rates
-
-    def settled(self) -> None:
-        """See :class:`_InMujoco`."""
-        self.model.dof_damping[:] = 0.0
-
-    def seen(self, lengths: Array, rates: Array) -> tuple[Array, Array]:
-        """See :class:`_InMujoco`."""
-        self.fed(lengths, rates)
-        mujoco.mj_forward(self.model, self.data)
-        stretch = self.data.ten_length - self._free
-        tension = self._k * stretch + self._c * (self.data.ten_velocity - rates)
-        return tension, np.zeros(0)
-
-
-class _Chains:
-    """Cables with weight: masses in the middle of equal parts, and springs between them."""
-
-    def __init__(self, robot: PublicRobot, cables: Cables) -> None:
-        m = len(cables.anchors)
+        count, m = cables.masses, len(cables.anchors)
         starts, ends = cables.anchors, robot.center + cables.attachments
-        part = (np.arange(MASSES) + 0.5) / MASSES
+        part = (np.arange(count) + 0.5) / max(count, 1)
         between, tendons = "", ""
         for i in range(m):
             places = starts[i] + part[:, None] * (ends[i] - starts[i])
-            names = [f"c{i}_{j}" for j in range(MASSES)]
-            between += "".join(
-                f'<body pos="{_numbers(place)}"><inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/>'
-                + "".join(
-                    f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1")
-                )
-                + f'<site name="{name}"/></body>'
-                for name, place in zip(names, places, strict=True)
-            )
-            along = [f"a{i}", *names, f"b{i}"]
-            tendons += "".join(_spatial(*pair) for pair in itertools.pairwise(along))
-        self.model = _model(robot, cables, robot.step / _FINER, between, tendons)
+            names = [f"c{i}_{j}" for j in range(count)]
+            between += "".join(map(_sliding, names, places))
+            along = itertools.pairwise([f"a{i}", *names, f"b{i}"])
+            tendons += "".join(_spatial(*pair) for pair in along)
+        step = robot.step / _FINER if count else robot.step
+        self.model = _model(robot, cables, step, between, tendons)
         self.data = mujoco.MjData(self.model)
-        self._robot, self._cables = robot, cables
-        self._share = np.concatenate([[0.5], np.ones(MASSES - 1), [0.5]]) / MASSES
-        self._masses = slice(2, 2 + m * MASSES)
+        self._share = np.array([1.0])
+        self._relaxed = np.inf
+        if count:
+            self._share = np.concatenate([[0.5], np.ones(count - 1), [0.5]]) / count
+            self._relaxed = _RELAXED
         self._last = [
-            mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, f"c{i}_{MASSES - 1}")
-            for i in range(m)
+            mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, f"c{i}_{count - 1}")
+            for i in range(m if count else 0)
         ]
-        long = np.linalg.norm(ends - starts, axis=1)
-        self._mass = np.repeat(cables.linear_density * long / MASSES, 3 * MASSES)
+        self._rotation = np.zeros(9)
+        self._k = self._c = self._free = np.zeros((m, count + 1))
         # Masses come to rest within some tenths of a second, too.
-        self.model.dof_damping[6:] = _LIVELY * self._mass
+        self._mass = cables.weighed(np.linalg.norm(ends - starts, axis=1))
+        self.damped([8.0 * robot.mass] * 3 + [8.0 * np.trace(robot.inertia) / 3] * 3, 1.0)
+
+    def damped(self, platform: Sequence[float], masses: float) -> None:
+        """Set what damps platform and masses.
+
+        Args:
+            platform: Six of them [N s/m], [N m s].
+            masses: In parts of that with which they settle at once.
+        """
+        self.model.dof_damping[:6] = platform
+        self.model.dof_damping[6:] = masses * _LIVELY * self._mass
 
     def fed(self, lengths: Array, rates: Array) -> None:
-        """See :class:`_InMujoco`; all parts of a cable are fed alike."""
-        model, count = self.model, len(lengths) * (MASSES + 1)
+        """Set the springs for what the winches have fed out, shape (m,), and how fast; all parts of a
+        cable are fed alike.
+        """
+        model, cables = self.model, self._cables
         k = self._robot.axial_stiffness / lengths
-        relaxed = np.minimum(2 * DAMPING_RATIO * np.sqrt(self._robot.mass / 4 / k), _RELAXED)
-        own = (k[:, None] / self._share).ravel()
-        model.tendon_stiffness.reshape(count, -1)[:, 0] = own
-        model.tendon_damping.reshape(count, -1)[:, 0] = own * np.repeat(relaxed, MASSES + 1)
-        free = (lengths + relaxed * rates)[:, None] * self._share
+        c = 2 * DAMPING_RATIO * np.sqrt(k * self._robot.mass / 4)
+        c = np.minimum(c, self._relaxed * k)
+        self._k, self._c = k[:, None] / self._share, c[:, None] / self._share
+        self._free = lengths[:, None] * self._share
+        self._rates = rates[:, None] * self._share
+        if cables.roller_radius:
+            # Where a cable leaves moves along with it: its length follows the attachment alone.
+            mujoco.mju_quat2Mat(self._rotation, self.data.qpos[3:7])
+            arms = cables.attachments @ self._rotation.reshape(3, 3).T
+            leave, rolled_up = cables.leaving((self.data.qpos[:3] + arms)[None])
+            model.site_pos[: len(lengths)] = leave[0]
+            self._free = self._free - rolled_up[0][:, None]
+        model.tendon_stiffness.reshape(self._k.size, -1)[:, 0] = self._k.ravel()
+        model.tendon_damping.reshape(self._k.size, -1)[:, 0] = self._c.ravel()
+        # MuJoCo's damper sees the whole rate of the tendon; what is fed is taken off here. A spring
+        # within (0, length) does not push.
         model.tendon_lengthspring[:, 0] = 0.0
-        model.tendon_lengthspring[:, 1] = free.ravel()
-        mass = np.repeat(self._cables.linear_density * lengths / MASSES, MASSES)
-        model.body_mass[self._masses] = model.body_subtreemass[self._masses] = mass
-        # Of bodies that only slide MuJoCo keeps the inertia ready made.
-        model.dof_M0[6:] = np.repeat(mass, 3)
-
-    def settled(self) -> None:
-        """See :class:`_InMujoco`."""
-        self.model.dof_damping[:6] = 0.0
-        self.model.dof_damping[6:] = 2 * _DAMPED * _LIVELY * self._mass
+        set_to = self._free + self._c / self._k * self._rates
+        model.tendon_lengthspring[:, 1] = set_to.ravel()
+        if cables.masses:
+            self._mass = cables.weighed(lengths)
+            # Three joints each. Of bodies that only slide MuJoCo keeps the inertia ready made.
+            model.body_mass[2:] = model.body_subtreemass[2:] = self._mass[::3]
+            model.dof_M0[6:] = self._mass
 
     def seen(self, lengths: Array, rates: Array) -> tuple[Array, Array]:
-        """See :class:`_InMujoco`."""
+        """Tensions at the platform, shape (m,), and where the last pieces come from, shape (3 m,); of
+        straight cables, where that is known, (0,).
+        """
         self.fed(lengths, rates)
         mujoco.mj_forward(self.model, self.data)
-        last = slice(MASSES, None, MASSES + 1)
-        k = self.model.tendon_stiffness.reshape(len(self.data.ten_length), -1)[last, 0]
-        c = self.model.tendon_damping.reshape(len(self.data.ten_length), -1)[last, 0]
-        # Its spring is set shorter or longer by what the damper has of the feed.
-        stretch = self.data.ten_length[last] - self.model.tendon_lengthspring[last, 1]
-        tension = k * stretch + c * self.data.ten_velocity[last]
+        shape = self._free.shape
+        stretch = self.data.ten_length.reshape(shape) - self._free
+        rate = self.data.ten_velocity.reshape(shape) - self._rates
+        tension = (self._k * stretch + self._c * rate)[:, -1]
         return tension, self.data.site_xpos[self._last].ravel()
 
 
@@ -330,20 +309,19 @@ def moved(robot: PublicRobot, cables: Cables, command: BSpline) -> Moved:
     duration = float(command.t[-1])
     known = np.linspace(0.0, duration, round(duration * 100) + 1)
     feed = make_interp_spline(known, fed_lengths(robot, cables, command(known)), k=5)
-    here: _InMujoco = (_Chains if cables.linear_density else _Straight)(robot, cables)
+    here = Springs(robot, cables)
     model, data = here.model, here.data
     data.qpos[:3], data.qpos[3] = command(0.0)[:3], 1.0
     step, m = model.opt.timestep, len(cables.anchors)
-    here.fed(feed(0.0), np.zeros(m))
-    translation, turning = 8.0 * robot.mass, 8.0 * np.trace(robot.inertia) / 3
-    model.dof_damping[:6] = [translation] * 3 + [turning] * 3
-    for _ in range(round(SETTLING / SEEN) if cables.roller_radius else 1):
-        every = SEEN if cables.roller_radius else SETTLING
-        mujoco.mj_step(model, data, nstep=round(every / step))
-        here.fed(feed(0.0), np.zeros(m))
-    here.settled()
+    still = np.zeros(m)
+    here.fed(feed(0.0), still)
+    every = round(SEEN / step)
+    for _ in range(round(SETTLING / SEEN)):
+        mujoco.mj_step(model, data, nstep=every)
+        here.fed(feed(0.0), still)
+    here.damped([0.0] * 6, 2 * _DAMPED)
     data.qvel[:] = 0.0
-    every, count = round(SEEN / step), round(duration / step)
+    count = round(duration / step)
     middle = (np.arange(count) + 0.5) * step
     lengths, rates = feed(middle), feed(middle, nu=1)
     seen = []

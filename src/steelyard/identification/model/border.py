@@ -4,10 +4,16 @@ all of a motion.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
+
+ByParameters = Iterator[tuple[slice, Array]]
+"""Where calibration parameters stand, and the derivative of n samples of k numbers by them, shape (n, k,
+c)."""
 
 
 def has_column(column_of: NDArray[np.intp], place: slice) -> bool:

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property, partial
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
-from steelyard.identification.model.border import Border, has_column
+from steelyard.identification.model.border import Border, ByParameters, has_column
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationValues,
@@ -107,7 +109,11 @@ class _Along:
         segment, label = self.segment, self.segment.label(*reading.source)
         sigma: float | Array = reading.sigma * self.factors.get(label, 1.0)
         followed = self._followed(reading, part, sigma)
-        asked = self._asked(reading) if self.narrow else None
+        terms = self._terms(reading.source[0])
+        asked = None
+        if self.narrow:
+            every = {**terms, **self._beside}.items()
+            asked = frozenset(key for key, place in every if has_column(self.column_of, place))
         times, local, motion, linear = self._looked_at(reading, part, followed, asked)
         by: Sequence[Array] = [linear[f"by_{each}"] for each in ("pose", "rate", "acceleration")]
         # A channel without a number is no sample of it.
@@ -128,7 +134,14 @@ class _Along:
         if reading.late is not None and followed is None:
             late = _lateness_whitener(np.where(there, reading.late[part] / sigma, 0.0))
             residual = np.einsum("nij,nj->ni", late, residual)
-        for place, derivative in self._by_calibration(reading, linear, asked, local, (by, motion)):
+        instrument = self.experiment.instruments[reading.source[0]]
+        nothing = without_effect(instrument, reading.source[1], self.experiment.robot, asked)
+        told = {key: each for key, each in linear.items() if key not in nothing}
+        for place, derivative in chain(
+            _by_terms(told, terms, asked),
+            self._by_clocks(reading, local, by, motion),
+            self._by_robot(told, asked),
+        ):
             border.put(place, derivative)
         by_errors, columns = border.collected()
         # A clock that has moved may carry samples out of the segment.
@@ -164,23 +177,15 @@ class _Along:
 
     def _terms(self, name: str) -> Mapping[str, slice]:
         """Systematic errors of an instrument -> where they stand."""
-        parameters, instrument = (
-            self.calibration.calibration_parameters,
-            self.experiment.instruments[name],
-        )
-        return parameters.places_of(name, instrument, self.segment.run)
+        parameters = self.calibration.calibration_parameters
+        return parameters.places_of(name, self.experiment.instruments[name], self.segment.run)
 
-    @property
-    def _beside(self) -> dict[str, slice]:
+    @cached_property
+    def _beside(self) -> Mapping[str, slice]:
         """What readings follow beside the terms of their instrument -> where it stands."""
         every = self.calibration.calibration_parameters.places
         keys = {key: (ROBOT, own, None) for key, own in _BESIDE.items()}
         return {key: every[own] for key, own in keys.items() if own in every}
-
-    def _asked(self, reading: Reading) -> frozenset[str]:
-        """Of all that readings follow, what has a column."""
-        every = {**self._terms(reading.source[0]), **self._beside}
-        return frozenset(key for key, place in every.items() if has_column(self.column_of, place))
 
     def _looked_at(
         self,
@@ -192,64 +197,41 @@ class _Along:
         """See :func:`looked_at`; lengths about tensions that go with them, as forces are about
         theirs.
         """
-
-        def look() -> tuple[Array, Basis, tuple[Array, Array, Array, Array], Mapping[str, Array]]:
-            return looked_at(
-                self.experiment,
-                self.segment,
-                reading,
-                part,
-                self.calibration,
-                self.references,
-                followed,
-                self.seen,
-                asked,
-            )
-
+        look = partial(
+            looked_at,
+            self.experiment,
+            self.segment,
+            reading,
+            part,
+            self.calibration,
+            self.references,
+            followed,
+            self.seen,
+            asked,
+        )
         times, local, motion, linear = look()
         if followed is not None and followed.correct(linear):
             *_, linear = look()
             linear = followed.as_carried(linear)
         return times, local, motion, linear
 
-    def _by_calibration(
-        self,
-        reading: Reading,
-        linear: Mapping[str, Array],
-        asked: frozenset[str] | None,
-        local: Basis,
-        along: tuple[Sequence[Array], Sequence[Array]],
-    ) -> Iterator[tuple[slice, Array]]:
-        """Where calibration parameters stand, and the derivative of the readings by them, shape (n, k,
-        c).
-
-        Args:
-            reading: Which.
-            linear: Its linearised difference.
-            asked: By what there are derivatives; None: by all.
-            local: Spline functions at its times.
-            along: Derivatives by pose, rate and acceleration, and the motion; see :func:`rate_along`.
-        """
-        name, quantity = reading.source
-        instrument, robot = self.experiment.instruments[name], self.experiment.robot
-        nothing = without_effect(instrument, quantity, robot, asked)
-        column = 0
-        if "by_errors" not in nothing:
-            for key, place in self._terms(name).items():
-                if asked is not None and key not in asked:
-                    continue
-                size = place.stop - place.start
-                yield place, linear["by_errors"][:, :, column : column + size]
-                column += size
-        yield from self._by_clocks(reading, local, along)
+    def _by_robot(self, linear: Mapping[str, Array], asked: frozenset[str] | None) -> ByParameters:
+        """By gravity and the geometry of the robot; arguments as of :func:`_by_terms`."""
         for key, place in self._beside.items():
-            if (asked is None or key in asked) and f"by_{key}" not in nothing:
+            if (asked is None or key in asked) and f"by_{key}" in linear:
                 yield place, linear[f"by_{key}"]
 
     def _by_clocks(
-        self, reading: Reading, local: Basis, along: tuple[Sequence[Array], Sequence[Array]]
-    ) -> Iterator[tuple[slice, Array]]:
-        """The same by delays of clocks and by the latency; arguments as of :meth:`_by_calibration`."""
+        self, reading: Reading, local: Basis, by: Sequence[Array], motion: Sequence[Array]
+    ) -> ByParameters:
+        """By delays of clocks and by the latency.
+
+        Args:
+            reading: Which.
+            local: Spline functions at its times.
+            by: Derivatives by pose, rate and acceleration, shape (n, k, 7) each.
+            motion: See :func:`.rate_along`.
+        """
         segment, name = self.segment, reading.source[0]
         parameters = self.calibration.calibration_parameters
         own = clock_of(self.experiment, name)
@@ -260,7 +242,7 @@ class _Along:
         if segment.static or (reference == own and latency is None):
             return
         # A later clock looks at an earlier instant of the motion.
-        by_delay = -rate_along(*along)
+        by_delay = -rate_along(by, motion)
         by_delay = by_delay - segment.disturbance_of(reading.source, local, 1)
         by_delay = by_delay[:, :, None]
         if reference != own:
@@ -307,6 +289,27 @@ class _Along:
         whole[:, :, : by_pose.shape[2]] = by_pose
         whole[:, :, POSE:] += by_processes
         return whole
+
+
+def _by_terms(
+    linear: Mapping[str, Array], terms: Mapping[str, slice], asked: frozenset[str] | None
+) -> ByParameters:
+    """By the systematic errors of an instrument.
+
+    Args:
+        linear: The linearised difference of readings, without derivatives that are nothing.
+        terms: Where these errors stand.
+        asked: By what there are derivatives; None: by all.
+    """
+    if "by_errors" not in linear:
+        return
+    column = 0
+    for key, place in terms.items():
+        if asked is not None and key not in asked:
+            continue
+        size = place.stop - place.start
+        yield place, linear["by_errors"][:, :, column : column + size]
+        column += size
 
 
 def _lateness_whitener(late: Array) -> Array:

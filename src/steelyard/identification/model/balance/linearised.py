@@ -30,7 +30,7 @@ from steelyard.identification.model.balance.units_of_rest import (
     by_readings,
     in_units,
 )
-from steelyard.identification.model.border import Border, has_column
+from steelyard.identification.model.border import Border, ByParameters, has_column
 from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationValues,
@@ -49,10 +49,6 @@ from steelyard.instruments.base import Instrument
 from steelyard.instruments.equations import following, sensitivity
 from steelyard.instruments.tension import GAINS, PRESLIDING, PRESLIDING_START
 from steelyard.robot.model import DIRECTIONS
-
-ByParameters = Iterator[tuple[slice, Array]]
-"""Where calibration parameters stand, and the derivative of the balance by them, shape (n, 6,
-c)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import unmodelled_processes
-from steelyard.identification.model.balance.linearised import BalancePoint, ByParameters
+from steelyard.identification.model.balance.linearised import BalancePoint
+from steelyard.identification.model.border import ByParameters
 from steelyard.identification.model.calibration_parameters import DRAG, ROBOT
 from steelyard.identification.model.looked_at import rate_along
 from steelyard.identification.model.reading_times import reference_clocks, time_of

@@ -55,20 +55,22 @@ def look(
     left_out[np.flatnonzero(spikes), worst[spikes]] = True
     already = force_samples.touched
     large = (size > limit(6)) & ~spikes & ~already
-    found = _found(at.time, large, settings)
+    found = _contacts(at.time, large, settings)
     # What one reading explains while something touches is no spike of its sensor.
-    whole = [_grown(each, (large | spikes) & ~already) for each in found]
+    whole = _grown(at.time, found, (large | spikes) & ~already, settings)
     for each in (whole, found, []):
-        contacts = _with_margins(at.time, each, settings)
-        touched = np.zeros(len(size), dtype=bool)
-        for start, end in contacts:
+        touched, contacts = np.zeros(len(size), dtype=bool), []
+        for first, last in each:
+            start = float(at.time[first]) - settings.contact_margin
+            end = float(at.time[last - 1]) + settings.contact_margin
             touched |= (at.time >= start) & (at.time <= end)
+            contacts.append((start, end))
         if (touched | already).mean() <= settings.most_cut:
             break
     left_out[touched] = True
     return StandingOut(
         force_samples=replace(force_samples, left_out=left_out),
-        contacts=contacts,
+        contacts=tuple(contacts),
         spikes=tuple((float(at.time[i]), int(worst[i])) for i in np.flatnonzero(spikes & ~touched)),
         changed=bool(np.any(left_out != force_samples.left_out)),
     )
@@ -96,7 +98,9 @@ def _in_a_row(spikes: NDArray[np.bool_], worst: NDArray[np.intp], many: int) -> 
     return found
 
 
-def _found(time: Array, large: NDArray[np.bool_], settings: FitSettings) -> list[tuple[int, int]]:
+def _contacts(
+    time: Array, large: NDArray[np.bool_], settings: FitSettings
+) -> list[tuple[int, int]]:
     """Stretches with several large residuals close to each other: first sample, and the one behind the
     last.
     """
@@ -107,35 +111,25 @@ def _found(time: Array, large: NDArray[np.bool_], settings: FitSettings) -> list
     ]
 
 
-def _grown(stretch: tuple[int, int], off: NDArray[np.bool_]) -> tuple[int, int]:
-    """A stretch with what is off before and behind it, as far as most samples are.
+def _grown(
+    time: Array, found: Sequence[tuple[int, int]], off: NDArray[np.bool_], settings: FitSettings
+) -> list[tuple[int, int]]:
+    """Stretches with what is off before and behind them, as far as most samples are; those that meet as
+    one.
 
     Args:
-        stretch: First sample, and the one behind the last.
+        time: Of all samples [s], shape (n,).
+        found: First sample, and the one behind the last.
         off: Which samples are off, shape (n,).
+        settings: With the longest pause within a contact.
     """
-    first, last = stretch
-    return first - _mostly(off[:first][::-1]), last + _mostly(off[last:])
+    inside = np.zeros(len(time), dtype=bool)
+    for first, last in found:
+        inside[first - _mostly(off[:first][::-1]) : last + _mostly(off[last:])] = True
+    return joined_stretches(time, inside, settings.contact_pause)
 
 
 def _mostly(off: NDArray[np.bool_]) -> int:
     """How many samples from the first one on are off as a rule, shape (n,)."""
     many = np.arange(1, len(off) + 1)
     return int(np.max(many[off & (2 * np.cumsum(off) > many)], initial=0))
-
-
-def _with_margins(
-    time: Array, contacts: Sequence[tuple[int, int]], settings: FitSettings
-) -> tuple[tuple[float, float], ...]:
-    """Beginning and end of stretches [s], what is left out about them included; those that meet as
-    one.
-    """
-    joined: list[tuple[float, float]] = []
-    for first, last in contacts:
-        start = float(time[first]) - settings.contact_margin
-        end = float(time[last - 1]) + settings.contact_margin
-        if joined and start <= joined[-1][1]:
-            joined[-1] = joined[-1][0], max(end, joined[-1][1])
-        else:
-            joined.append((start, end))
-    return tuple(joined)
