@@ -2,10 +2,13 @@ import casadi as ca
 import numpy as np
 import pinocchio as pin
 import pytest
+from leaning import leaning
 from scipy.spatial.transform import Rotation
 
 from steelyard.batch import Batched
 from steelyard.dynamics import (
+    FLEXIBILITY,
+    bending_regressor,
     platform_regressor,
     platform_wrench,
     point_specific_force,
@@ -188,3 +191,40 @@ def test_a_wrench_about_another_point_is_that_of_pinocchio():
     close(wrench_about(wrenches, point), expected)
     close(wrench_about(wrenches[0], point), expected[0])
     close(wrench_about(wrenches.T[None], point), expected.T[None])
+
+
+def tilting(t):
+    """Specific force, angular velocity and acceleration of a platform that moves and tilts at .3 and
+    .4 Hz."""
+    fast, slow = 2 * np.pi * np.array([0.4, 0.3])
+    turn = lambda t: Rotation.from_rotvec([0.2 * np.sin(fast * t), 0.15 * np.cos(slow * t), 0.0])  # noqa: E731
+    moved = np.array([0.3 * np.sin(slow * t), 0.2 * np.cos(fast * t), 0.1 * np.sin(fast * t)])
+    acceleration = -np.array([slow**2, fast**2, fast**2]) * moved
+    step = 1e-3
+    omega = lambda t: (  # noqa: E731
+        (turn(t - step).inv() * turn(t + step)).as_rotvec() / (2 * step)
+    )
+    alpha = (omega(t + step) - omega(t - step)) / (2 * step)
+    return turn(t).inv().apply(acceleration - GRAVITY), omega(t), alpha
+
+
+@pytest.mark.parametrize(
+    ("place", "left_out"), [(np.zeros(3), 0.02), (np.array([0.3, -0.2, 0.8]), 0.06)]
+)
+def test_a_part_on_springs_exerts_what_residual_flexibility_says(place, left_out):
+    own, mass, step = 2 * np.pi * 8.0, 3.0, 5e-3
+    times = np.arange(2.0, 3.5, step)
+    part = Inertia.from_body_parameters(np.r_[mass, place, np.zeros(6)])
+    specific_force, omega, alpha = map(np.array, zip(*map(tilting, times), strict=True))
+    felt = np.hstack([specific_force, alpha])
+    rate = (felt[2:] - felt[:-2]) / (2 * step)
+    change = (felt[:-2] - 2 * felt[1:-1] + felt[2:]) / step**2
+    inner = slice(1, -1)
+    directions = np.array([np.r_[axis, np.cross(place, axis)] for axis in np.eye(3)[:2]])
+    matrix = mass / own**2 * directions.T @ directions
+    flexibility = [matrix[i, j] for i, j in FLEXIBILITY]
+    stiff = platform_wrench(part.parameters, specific_force, omega, alpha)[inner]
+    bent = bending_regressor(np.stack([felt[inner], rate, change]), omega[inner]) @ flexibility
+    exerted = leaning(own, place, mass, tilting, times)[inner] - stiff
+    # What is left out: squares of the part's own way, and how its moment of inertia changes.
+    assert np.linalg.norm(exerted - bent) < left_out * np.linalg.norm(exerted)

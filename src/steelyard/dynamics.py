@@ -24,6 +24,14 @@ from steelyard.batch import Batched, Symbol
 from steelyard.errors import WrongValueError
 from steelyard.inertia import TEN
 
+_SYMMETRIC = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
+FLEXIBILITY = (
+    *_SYMMETRIC,
+    *((i, 3 + j) for i in range(3) for j in range(3)),
+    *((3 + i, 3 + j) for i, j in _SYMMETRIC),
+)
+"""Rows and columns of the elements of a matrix of residual flexibility, in their order."""
+
 
 def newton_euler(
     parameters: Symbol, specific_force: Symbol, omega: Symbol, alpha: Symbol
@@ -98,6 +106,45 @@ def specific_force_at(
     """
     found = _batched_point()(specific_force=specific_force, omega=omega, alpha=alpha, point=point)
     return found["force"], found["by_point"]
+
+
+def bending_regressor(felt: Array, omega: Array) -> Array:
+    r"""Regressor of what the cables exert beyond a rigid body where parts of the platform bend, in P.
+
+    A part on springs whose own frequencies :math:`\omega_k` lie above the motion stands off by
+    :math:`q_k = -g_k^T (y - \ddot y / \omega_k^2) / \omega_k^2`, with the specific force and the
+    angular acceleration :math:`y = (s, \dot\omega)` and what it feels of them, :math:`g_k`. All parts
+    together are one matrix of residual flexibility [Craig2006]_,
+    :math:`K = \sum_k g_k g_k^T / \omega_k^2`. With its first and last three rows,
+    :math:`K_s` and :math:`K_{\dot\omega}`, the first moment is off by :math:`\eta = -K_s y`, and
+
+    .. math:: f = \ddot\eta + 2 \omega \times \dot\eta + \dot\omega \times \eta
+                  + \omega \times (\omega \times \eta), \qquad
+              n = \eta \times s - K_{\dot\omega} \ddot y .
+
+    Args:
+        felt: Specific force of the platform origin [m/s^2] over angular acceleration [rad/s^2] and their
+            first two derivatives by time, in P, shape (3, n, 6).
+        omega: Angular velocity, in P [rad/s], shape (n, 3).
+
+    Returns:
+        Shape (n, 6, 21), by the elements of K: xx, yy, zz, yz, xz, xy of its first block [kg s^2], all
+        nine of the block beside that, row by row [kg m s^2], and six of its last one [kg m^2 s^2].
+    """
+    specific_force, alpha = felt[0, :, :3], felt[0, :, 3:]
+    exerted = np.zeros((felt.shape[1], 6, len(FLEXIBILITY)))
+    for column, (i, j) in enumerate(FLEXIBILITY):
+        force, torque = exerted[:, :3, column], exerted[:, 3:, column]
+        for row, other in {(i, j), (j, i)}:
+            if row >= 3:
+                torque[:, row - 3] -= felt[2, :, other]
+                continue
+            off = np.zeros((3, *omega.shape))
+            off[:, :, row] = -felt[:, :, other]
+            force += off[2] + 2 * np.cross(omega, off[1]) + np.cross(alpha, off[0])
+            force += np.cross(omega, np.cross(omega, off[0]))
+            torque += np.cross(off[0], specific_force)
+    return exerted
 
 
 @cache

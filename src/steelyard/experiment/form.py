@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from steelyard.experiment.surroundings import (
     AttachedForm,
+    Bending,
     DragForm,
     KnownForm,
     NotNegative,
@@ -218,6 +219,8 @@ class ExperimentForm(FileModel):
     """Hoses and umbilicals."""
     drag: DragForm | None = None
     """Of the air; None: estimated, and zero where the readings do not ask for it."""
+    bending: Bending | None = None
+    """Of parts of the platform; None: estimated, and zero where the readings do not ask for it."""
     datum: DatumForm | None = None
     """What the world frame is, for the calibration of the robot; None: as the readings and the robot
     file have it."""
@@ -229,7 +232,9 @@ class ExperimentForm(FileModel):
     def surroundings(self) -> Surroundings:
         """What acts on the platform beside its cables."""
         unmodelled = self.uncertainty.unmodelled
-        return Surroundings(unmodelled=unmodelled, attached=self.attached, drag=self.drag)
+        return Surroundings(
+            unmodelled=unmodelled, attached=self.attached, drag=self.drag, bending=self.bending
+        )
 
 
 class PlanForm(ExperimentForm):

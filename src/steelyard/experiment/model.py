@@ -116,6 +116,7 @@ class Experiment:
         uncertainty: Mapping[str, Any] | None = None,
         attached: Sequence[Mapping[str, Any]] | None = None,
         drag: Mapping[str, Any] | None = None,
+        bending: Mapping[str, Any] | float | None = None,
         datum: Mapping[str, Any] | None = None,
         weighed: bool = True,
     ) -> Experiment:
@@ -142,6 +143,7 @@ class Experiment:
             uncertainty: The same.
             attached: The same.
             drag: The same.
+            bending: The same.
             datum: The same.
             weighed: Whether a body is to be told by forces; else it is for a calibration.
 
@@ -163,6 +165,7 @@ class Experiment:
             uncertainty=uncertainty,
             attached=attached,
             drag=drag,
+            bending=bending,
             datum=datum,
         )
         assert isinstance(experiment, cls)

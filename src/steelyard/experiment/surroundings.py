@@ -43,23 +43,41 @@ class UnmodelledForm(FileModel):
     """Correlation time [s]."""
 
 
-def _nothing(value: float) -> float:
-    """0, the only number that says something of a force and of a torque."""
-    if value:
-        raise ValueError(
-            f"expected 0, or a mapping of 'force', 'torque' and 'time', found {value:g}; write"
-            " {force: …, torque: …}"
-        )
-    return value
+class BendingForm(FileModel):
+    """Parts of the platform that bend, by a frequency of their own above those of the motion."""
+
+    frequency: Annotated[float, Field(gt=0)]
+    """The lowest of the platform's own frequencies [Hz]."""
+    share: Annotated[float, Field(gt=0, le=1)] = 0.1
+    """Part of what is carried that moves with it, 1-sigma."""
+
+
+def _none(keys: str, example: str) -> AfterValidator:
+    """0, the only number that says something of several ones."""
+
+    def nothing(value: float) -> float:
+        if value:
+            raise ValueError(
+                f"expected 0, or a mapping of {keys}, found {value:g}; write {example}"
+            )
+        return value
+
+    return AfterValidator(nothing)
 
 
 def _form(value: Any) -> str:
-    return "stated" if isinstance(value, dict | UnmodelledForm) else "none"
+    return "stated" if isinstance(value, dict | FileModel) else "none"
 
 
 Unmodelled = Annotated[
     Annotated[UnmodelledForm, Tag("stated")]
-    | Annotated[float, AfterValidator(_nothing), Tag("none")],
+    | Annotated[float, _none("'force', 'torque' and 'time'", "{force: …, torque: …}"), Tag("none")],
+    Discriminator(_form),
+]
+"""0: there is none."""
+Bending = Annotated[
+    Annotated[BendingForm, Tag("stated")]
+    | Annotated[float, _none("'frequency' and 'share'", "{frequency: …}"), Tag("none")],
     Discriminator(_form),
 ]
 """0: there is none."""
@@ -101,4 +119,6 @@ class Surroundings(FileModel):
     """None: estimated, and zero where the readings do not ask for it."""
     attached: tuple[AttachedForm, ...] = ()
     drag: DragForm | None = None
+    """None: estimated, and zero where the readings do not ask for it."""
+    bending: Bending | None = None
     """None: estimated, and zero where the readings do not ask for it."""

@@ -104,7 +104,10 @@ def write_experiment(
             **_unmodelled(experiment),
         },
         **experiment.surroundings.model_dump(
-            mode="json", include={"attached", "drag"}, exclude_unset=True, exclude_none=True
+            mode="json",
+            include={"attached", "drag", "bending"},
+            exclude_unset=True,
+            exclude_none=True,
         ),
         **_datum(experiment),
         "instruments": {

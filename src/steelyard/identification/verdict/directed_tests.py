@@ -280,6 +280,9 @@ def _proposal(owner: str, key: str) -> str:
                 "swings decay by more friction than is plausible; look for what rubs at this cable's"
                 " anchor"
             ),
+            "bending": (
+                "a part of the platform seems to bend; stiffen it, move more slowly, or state 'bending'"
+            ),
             "drag": "the air seems to slow the platform; move it more slowly, or make it smaller",
             "anchor": "measure this anchor again, or state a larger 'uncertainty: {anchor: …}'",
             "attachment": (

@@ -25,6 +25,8 @@ from steelyard.instruments.unread_cables import PER_CABLE
 _AXES = "xyz"
 _MANY = 12
 """Numbers of one kind that are said one by one, at most: one for each of twelve cables."""
+_HERTZ = (2 * np.pi) ** 2
+"""What a second derivative makes of an oscillation of 1 Hz [1/s^2]."""
 _CAUSES: Mapping[Cause, str] = {
     "colored": "has coloured noise",
     "drift": "drifts",
@@ -135,7 +137,7 @@ def _on_disturbances(disturbed: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def _on_errors(errors: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
-    """A hose in one sentence, other errors one by one."""
+    """A hose and what bends in a sentence each, other errors one by one."""
     stiffness = errors.get(f"{ROBOT}.attached.stiffness")
     if stiffness is not None:
         force = [
@@ -149,9 +151,10 @@ def _on_errors(errors: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
             f" {stiffness['value']:.2g} ± {stiffness['standard_deviation']:.1g} N/m; it was"
             " estimated beside the body"
         )
+    yield from _on_bending(errors)
     alike: dict[str, list[str]] = {}
     for name in errors:
-        if not name.startswith(f"{ROBOT}.attached"):
+        if not name.startswith((f"{ROBOT}.attached", f"{ROBOT}.bending")):
             alike.setdefault(name.split()[0], []).append(name)
     for what, names in alike.items():
         owner, _, key = what.partition(".")
@@ -180,6 +183,31 @@ def _on_errors(errors: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
             continue
         for name in names:
             yield f"{name} was not stated, but the residuals ask for it: {_number(errors[name])}"
+
+
+def _on_bending(errors: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    """What parts of the platform that bend do at a hertz, in one sentence."""
+    sizes = []
+    for part, unit in (("force", "kg"), ("torque", "kg m^2")):
+        own = {axis: errors.get(f"{ROBOT}.bending.{part} {axis}{axis}") for axis in _AXES}
+        most = max(
+            (
+                (each["value"], each["standard_deviation"], axis)
+                for axis, each in own.items()
+                if each
+            ),
+            default=None,
+        )
+        if most is not None:
+            value, sigma = _HERTZ * most[0], _HERTZ * most[1]
+            along = "along" if part == "force" else "about"
+            sizes.append(f"{value:.2g} ± {sigma:.1g} {unit} {along} {most[2]}")
+    if sizes:
+        yield (
+            "parts of the platform bend: at 1 Hz it answers like a body that has"
+            f" {' and '.join(sizes)} more than it has; this was estimated beside the body, which"
+            " stands for a platform that does not bend"
+        )
 
 
 def _number(error: Mapping[str, Any]) -> str:

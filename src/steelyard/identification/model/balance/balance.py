@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.experiment.model import Experiment
 from steelyard.identification.model.balance.behind_filter import BehindFilter
+from steelyard.identification.model.balance.bending import bending_along
 from steelyard.identification.model.balance.equations import motion_and_wrench
 from steelyard.identification.model.balance.force_readings import (
     UNMODELLED_PARTS,
@@ -33,6 +34,7 @@ from steelyard.identification.model.balance.noise import BalanceNoise
 from steelyard.identification.model.balance.rollers import remembered
 from steelyard.identification.model.balance.slopes import smoothed
 from steelyard.identification.model.calibration_parameters import (
+    BENDING,
     CalibrationValues,
 )
 from steelyard.identification.model.motion_segment import Segment
@@ -252,6 +254,9 @@ def balance_at(
     told = undisturbed(force_samples, coloured)
     measured = measured_force(experiment, segment, told, calibration, motion)
     left_over = measured.wrench - needed
+    bending = calibration.of_robot(*BENDING)
+    if bending.any():
+        left_over -= bending_along(segment, times, calibration) @ bending
     behind, off = None, None
     if constant:
         behind = BehindFilter.of(

@@ -23,6 +23,7 @@ from steelyard.identification.model.balance import (
 )
 from steelyard.identification.model.balance.asked import derivatives_asked, pulling
 from steelyard.identification.model.balance.behind_filter import functions_behind
+from steelyard.identification.model.balance.bending import bending_along
 from steelyard.identification.model.balance.equations import derivatives_of_balance
 from steelyard.identification.model.balance.units_of_rest import (
     by_attachments,
@@ -32,6 +33,7 @@ from steelyard.identification.model.balance.units_of_rest import (
 )
 from steelyard.identification.model.border import Border, ByParameters, has_column
 from steelyard.identification.model.calibration_parameters import (
+    BENDING,
     ROBOT,
     CalibrationValues,
 )
@@ -270,12 +272,26 @@ class BalancePoint:
             answered = self.derivatives["by_parameters"].copy()
             answered[:, :, 0] -= self.derivatives["by_weight"].reshape(len(answered), -1)
             yield moves, answered
+        yield from self._by_bending()
         for name, own in pulling(self.experiment, self.calibration, self.segment.run).items():
             column = 0
             for place in own if f"by_{name}" in self.derivatives else ():
                 size = place.stop - place.start
                 yield place, self.derivatives[f"by_{name}"][:, :, column : column + size]
                 column += size
+
+    def _by_bending(self) -> ByParameters:
+        """Derivatives of the balance by what parts of the platform do that bend."""
+        places = self.calibration.calibration_parameters.places
+        own = [places[ROBOT, key, None] for key, _ in BENDING if (ROBOT, key, None) in places]
+        if not any(self.asks(place) for place in own):
+            return
+        exerted = bending_along(self.segment, self.at.time, self.calibration)
+        column = 0
+        for place in own:
+            size = place.stop - place.start
+            yield place, -exerted[:, :, column : column + size]
+            column += size
 
     def _in_arms(self, by_attachment: Array) -> Array:
         """Derivative of the balance by the attachments, shape (n, 6, 3 m); see :mod:`.units_of_rest`."""

@@ -23,6 +23,9 @@ AIR = (("drag.area", 1), ("drag.turning", 1), *DAMPING)
 SWIVEL = "swivel.friction"
 """Key of the friction where cables turn about their anchors, see
 :func:`steelyard.robot.surroundings.swivel_wrench`."""
+BENDING = (("bending.force", 6), ("bending.coupling", 9), ("bending.torque", 6))
+"""Keys and sizes of what parts of a platform that bend do, see
+:func:`steelyard.dynamics.bending_regressor`."""
 LOAD = "load"
 """First part of the keys of what further loads are more than the first: ten linear parameters."""
 APPARENT = "apparent"

@@ -1,4 +1,6 @@
-"""What may pull at a platform on cables beside them: hoses, air, what damps swings and rubs at anchors."""
+"""What may pull at a platform on cables beside them: hoses, air, what damps swings and rubs at anchors,
+parts that bend.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +9,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from steelyard.experiment.model import Experiment
+from steelyard.experiment.surroundings import BendingForm
 from steelyard.experiment.unread import is_unread, moves_unread
 from steelyard.identification.model.calibration_parameters.keys import (
     AIR,
     ATTACHED,
+    BENDING,
     DAMPING,
     HOSES,
     ROBOT,
@@ -31,6 +35,9 @@ _RUBBING = 0.005
 of some centimetres, stiff ropes."""
 _PULL = 0.004
 """1-sigma of the force of a hose, as a part of all tensions; of its stiffness the same over a metre."""
+_SOFT = 0.1 / (2 * np.pi * 5.0) ** 2
+"""1-sigma of what bends: a tenth of what is carried stands on springs of 5 Hz [s^2], and leans by 1 cm under
+its own weight."""
 _BLUFF = 3.0
 """1-sigma of drag coefficients times area, and of turning, in units of the platform's size squared
 and to the fifth power: frames and sheets."""
@@ -72,6 +79,25 @@ def surroundings(experiment: Experiment) -> Iterator[CalibrationParameter]:
         else:
             none = np.zeros(count)
             yield CalibrationParameter(ROBOT, key, None, unit, none, none, suspected)
+    if not is_unread(experiment):
+        yield from _bending(experiment)
+
+
+def _bending(experiment: Experiment) -> Iterator[CalibrationParameter]:
+    """Parts of the platform that bend."""
+    stated, soft = experiment.surroundings.bending, _SOFT
+    if isinstance(stated, BendingForm):
+        soft = stated.share / (2 * np.pi * stated.frequency) ** 2
+    size, gravity = experiment.robot.size, float(np.linalg.norm(experiment.robot.gravity))
+    soft *= usual_tensions(experiment) / gravity
+    units = ("kg s^2", "kg m s^2", "kg m^2 s^2")
+    for power, ((key, count), unit) in enumerate(zip(BENDING, units, strict=True)):
+        none, sigma = np.zeros(count), soft * size**power
+        if stated is None:
+            yield CalibrationParameter(ROBOT, key, None, unit, none, none, sigma)
+        else:
+            known = np.full(count, sigma if isinstance(stated, BendingForm) else 0.0)
+            yield CalibrationParameter(ROBOT, key, None, unit, none, known)
 
 
 def _decay(mass: float, size: float) -> dict[str, tuple[float, float]]:

@@ -11,10 +11,12 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from steelyard.arrays import Array
+from steelyard.dynamics import FLEXIBILITY
 from steelyard.estimates.quantiles import chi2_exceeded
 from steelyard.identification.model.calibration_parameters import (
     AIR,
     ATTACHED,
+    BENDING,
     ROBOT,
     CalibrationParameter,
     CalibrationParameters,
@@ -59,6 +61,8 @@ def is_possible(task: Task, found: Fit, asked: frozenset[Key], *, with_twin: boo
     """
     places = task.calibration_parameters.places
     ten, column_of = found.state.ten, task.column_of(found.state)
+    if (ROBOT, BENDING[0][0], None) in asked:
+        return _bends(task, found)
     for key in asked:
         least = -_SURE if with_twin else _least(task, key)
         sigma = np.sqrt(np.diag(found.covariance)[column_of[places[key]]])
@@ -87,6 +91,27 @@ def is_possible(task: Task, found: Fit, asked: frozenset[Key], *, with_twin: boo
 
     nearest = least_squares(beside, np.concatenate([values[:4], np.zeros(3)]))
     return bool(2 * nearest.cost < chi2_exceeded(_CHANCE, len(values) - 4))
+
+
+def _bends(task: Task, found: Fit) -> bool:
+    """Whether what was found of parts that bend is some: all of them stand off the way in which they
+    are pulled, so that their matrix is positive.
+    """
+    places, size = task.calibration_parameters.places, task.experiment.robot.size
+    own = np.concatenate([np.r_[places[ROBOT, key, None]] for key, _ in BENDING])
+    columns = task.column_of(found.state)[own]
+    scale = np.repeat([1.0, size, size**2], [count for _, count in BENDING])
+    values = found.state.calibration.values[own] / scale
+    covariance = found.covariance[np.ix_(columns, columns)] / np.outer(scale, scale)
+    rows, others = np.array(FLEXIBILITY).T
+    matrix = np.zeros((6, 6))
+    matrix[rows, others] = matrix[others, rows] = values
+    sizes, directions = np.linalg.eigh(matrix)
+    for least, along in zip(sizes, directions.T, strict=True):
+        by_value = along[rows] * along[others] * np.where(rows == others, 1.0, 2.0)
+        if least < -_SURE * np.sqrt(by_value @ covariance @ by_value):
+            return False
+    return True
 
 
 def _least(task: Task, asked: Key) -> float:
