@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.estimates.quantiles import normal_exceeded
-from steelyard.identification.model.calibration_parameters import DRAG, ROBOT
+from steelyard.identification.model.calibration_parameters import BENDING, DRAG, ROBOT
 from steelyard.identification.solve.border.normal_equations import BorderEquations, Solution
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
@@ -89,6 +89,11 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
     total = posterior.total
     tested = np.flatnonzero(~solution.estimated & (np.diag(total.normal) > 0))
     tested = tested[tested >= TEN]
+    if posterior.fit.motions:
+        # Second derivatives of a held motion have its noise, as has what is left over.
+        places = calibration_parameters.places
+        bending = [np.r_[places[key]] for key in places if key[1] in dict(BENDING)]
+        tested = np.setdiff1d(tested, TEN + np.concatenate([np.zeros(0, np.intp), *bending]))
     if not len(tested):
         return
     use = np.flatnonzero(solution.estimated)

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -272,7 +273,7 @@ class BalancePoint:
             answered = self.derivatives["by_parameters"].copy()
             answered[:, :, 0] -= self.derivatives["by_weight"].reshape(len(answered), -1)
             yield moves, answered
-        yield from self._by_bending()
+        yield from self.by_bending()
         for name, own in pulling(self.experiment, self.calibration, self.segment.run).items():
             column = 0
             for place in own if f"by_{name}" in self.derivatives else ():
@@ -280,7 +281,7 @@ class BalancePoint:
                 yield place, self.derivatives[f"by_{name}"][:, :, column : column + size]
                 column += size
 
-    def _by_bending(self) -> ByParameters:
+    def by_bending(self) -> ByParameters:
         """Derivatives of the balance by what parts of the platform do that bend."""
         places = self.calibration.calibration_parameters.places
         own = [places[ROBOT, key, None] for key, _ in BENDING if (ROBOT, key, None) in places]
@@ -355,8 +356,8 @@ def by_body_and_readings(
     at: Balance,
     column_of: NDArray[np.intp],
 ) -> tuple[Array, NDArray[np.intp]]:
-    """Derivatives of the balance by what noise of the motion is seen in: by the bodies that are carried
-    and the systematic errors of the readings; shape (n, 6, c), and their columns, shape (c,).
+    """Derivatives of the balance by what noise of the motion is seen in: by the bodies that are carried,
+    what bends of them and the systematic errors of the readings; shape (n, 6, c), and their columns, shape (c,).
 
     Args:
         experiment: With robot and instruments.
@@ -376,7 +377,7 @@ def by_body_and_readings(
     )
     border = Border(column_of, len(at.time), DIRECTIONS)
     border.extend(np.arange(TEN), point.by_body(parameters))
-    for place, derivative in point.by_terms():
+    for place, derivative in chain(point.by_terms(), point.by_bending()):
         border.put(place, derivative)
     load = calibration.calibration_parameters.place_of_load(segment.run)
     if load is not None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.estimates.quantiles import chi2_tail, normal_tail
 from steelyard.identification.model.calibration_parameters import (
+    BENDING,
     ROBOT,
     CalibrationParameter,
     CalibrationParameters,
@@ -65,7 +66,8 @@ def with_suspicions(
     if any(task.experiment.moves_within(run.name) for run in task.experiment.runs):
         # What swings goes with the pulls of all cables: it looks like crosstalk.
         return task, found
-    refused = frozenset[Key]()
+    # Second derivatives of a held motion have its noise, as has what is left over.
+    refused: frozenset[Key] = frozenset((ROBOT, key, None) for key, _ in BENDING if held)
     for _ in range(task.settings.suspicions):
         worst = _worst(task, found.state, refused, held=held)
         if not worst:
