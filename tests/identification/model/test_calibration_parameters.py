@@ -13,8 +13,10 @@ from steelyard.identification.model.calibration_parameters import (
     ROBOT,
     CalibrationValues,
     as_tree,
+    element_of,
     gather,
 )
+from steelyard.identification.verdict.directed_tests import _may_be_alone
 from steelyard.instruments import Attitude, Command, Imu, Length, Pose, Position, Tension, Wrench
 from steelyard.instruments.base import LATENCY
 from steelyard.robot.model import Robot
@@ -211,6 +213,9 @@ def test_every_component_has_a_name_of_its_own(everything):
     assert names[everything.places["cables", "common_gain", None]] == ("cables.common_gain",)
     assert names[everything.places["tracker", "delay", "run"]] == ("tracker.delay of run 'run'",)
     assert names[everything.places[ROBOT, "attachment", None]][5] == "attachment 2 z"
+    assert (
+        names[everything.places[ROBOT, "bending.coupling", None]][2] == "robot.bending.coupling xz"
+    )
 
 
 def test_the_forces_of_three_cables_are_no_axes():
@@ -534,3 +539,29 @@ def test_errors_that_are_known_exactly_are_not_reported():
     assert set(tree) == {"cables"}
     assert set(tree["cables"]) == {"offset"}
     np.testing.assert_array_equal(tree["cables"]["offset"]["standard_deviation"], [0, 0, 0, 2.0])
+
+
+def test_elements_of_what_bends_fill_one_symmetric_matrix(everything):
+    places = {element_of(key, i) for key, size in BENDING for i in range(size)}
+    assert places | {(j, i) for i, j in places} == {(i, j) for i in range(6) for j in range(6)}
+    for key, size in BENDING:
+        assert len(entry(everything, ROBOT, key).mean) == size
+
+
+@pytest.mark.parametrize(
+    ("key", "component", "size", "alone"),
+    [
+        ("bending.force", 0, 0.01, True),
+        ("bending.force", 0, -0.01, False),
+        ("bending.force", 3, 0.01, False),
+        ("bending.coupling", 0, 0.01, False),
+        ("bending.torque", 2, 0.01, True),
+        ("bending.torque", 2, -0.01, False),
+        ("gravity", 2, -0.01, True),
+    ],
+)
+def test_of_a_positive_matrix_only_the_diagonal_may_be_off_alone(
+    everything, key, component, size, alone
+):
+    # A clipped gyro seems to make a platform stiffer than a rigid one.
+    assert _may_be_alone(entry(everything, ROBOT, key), component, size) == alone

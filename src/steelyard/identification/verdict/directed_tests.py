@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.estimates.quantiles import normal_exceeded
-from steelyard.identification.model.calibration_parameters import BENDING, DRAG, ROBOT
+from steelyard.identification.model.calibration_parameters import (
+    BENDING,
+    DRAG,
+    ROBOT,
+    CalibrationParameter,
+    element_of,
+)
 from steelyard.identification.solve.border.normal_equations import BorderEquations, Solution
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
@@ -116,13 +122,18 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
         ),
     )
     z = score / np.sqrt(np.maximum(noise, 1e-300))
-    components = {TEN + place: unknown for place, unknown, _ in calibration_parameters.components()}
+    components = {
+        TEN + place: (unknown, component)
+        for place, unknown, component in calibration_parameters.components()
+    }
     moves = -solution.gain[:TEN][:, use] @ total.normal[np.ix_(use, tested)]
     length = length_of(posterior)
     for i, column in enumerate(tested):
         if diagonal[i] < settings.its_own * own[i] or told[i] < settings.told:
             continue
-        unknown, size = components[int(column)], score[i] / diagonal[i]
+        (unknown, component), size = components[int(column)], score[i] / diagonal[i]
+        if not _may_be_alone(unknown, component, size):
+            continue
         yield Finding(
             name=calibration_parameters.names[column - TEN],
             z=float(z[i]),
@@ -133,6 +144,16 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
             proposal=_proposal(unknown.owner, unknown.key),
             negligible=bool(abs(size) < unknown.negligible),
         )
+
+
+def _may_be_alone(unknown: CalibrationParameter, component: int, size: float) -> bool:
+    """Whether a number may be off by so much while all others of its parameter are right: of what bends,
+    those on the diagonal, which are positive.
+    """
+    if unknown.key not in dict(BENDING):
+        return True
+    i, j = element_of(unknown.key, component)
+    return i == j and size > 0
 
 
 def pulled_by_priors(posterior: Posterior, use: NDArray[np.intp]) -> Array:

@@ -21,6 +21,7 @@ from steelyard.identification.model.calibration_parameters.keys import DAMPING a
 from steelyard.identification.model.calibration_parameters.keys import DRAG as DRAG
 from steelyard.identification.model.calibration_parameters.keys import ROBOT as ROBOT
 from steelyard.identification.model.calibration_parameters.keys import SWIVEL as SWIVEL
+from steelyard.identification.model.calibration_parameters.keys import element_of as element_of
 from steelyard.identification.model.calibration_parameters.of_instruments import (
     clock_of as clock_of,
 )

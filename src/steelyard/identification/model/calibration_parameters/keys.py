@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from steelyard.dynamics import FLEXIBILITY
+
 ROBOT = "robot"
 """Owner of the errors of the robot file."""
 DRAG = "cable_inertia"
@@ -31,3 +33,18 @@ LOAD = "load"
 APPARENT = "apparent"
 """First part of the keys of how a load in which something moves answers accelerations beside what it
 weighs: ten linear parameters."""
+
+
+def element_of(key: str, component: int) -> tuple[int, int]:
+    """Row and column, in the matrix of residual flexibility, of a number of what bends.
+
+    Args:
+        key: One of :data:`BENDING`.
+        component: Of it.
+    """
+    before = 0
+    for own, size in BENDING:
+        if own == key:
+            break
+        before += size
+    return FLEXIBILITY[before + component]

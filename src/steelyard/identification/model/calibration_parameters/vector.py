@@ -7,18 +7,17 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.dynamics import FLEXIBILITY
 from steelyard.identification.model.calibration_parameters.keys import (
     APPARENT,
     BENDING,
     LOAD,
     ROBOT,
+    element_of,
 )
 from steelyard.identification.weighing.tables import WeighedCells
 from steelyard.instruments import Instrument
@@ -36,11 +35,6 @@ _OF_LOADS = (
     *(f"inertia {axes} about the origin" for axes in ("xx", "yy", "zz", "yz", "xz", "xy")),
 )
 """What a load is more than the first, as people would say it."""
-_ELEMENTS = iter(FLEXIBILITY)
-_OF_BENDING = {
-    key: [_AXES[i % 3] + _AXES[j % 3] for i, j in islice(_ELEMENTS, size)] for key, size in BENDING
-}
-"""Axes of the elements of each of its parts."""
 _PER_CABLE = frozenset({"offset", "gain", "friction", "presliding_start", ROLLER})
 _NEGLIGIBLE = 0.1
 """Part of the 1-sigma of devices that have an error at all, below which it is another's doing."""
@@ -112,7 +106,8 @@ class CalibrationParameter:
                 of = f"of what moves in load '{load}'"
             return [f"{each} {of}" for each in _OF_LOADS]
         if self.key in dict(BENDING):
-            return [f"{where} {axes}" for axes in _OF_BENDING[self.key]]
+            elements = (element_of(self.key, i) for i in range(size))
+            return [f"{where} {_AXES[i % 3]}{_AXES[j % 3]}" for i, j in elements]
         if size == 3:
             return [f"{where} {axis}" for axis in _AXES]
         return [where] if size == 1 else [f"{where} {i + 1}" for i in range(size)]
