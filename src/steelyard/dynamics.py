@@ -23,6 +23,7 @@ from steelyard.arrays import Array
 from steelyard.batch import Batched, Symbol
 from steelyard.errors import WrongValueError
 from steelyard.inertia import TEN
+from steelyard.rotations import cross_matrices
 
 _SYMMETRIC = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 FLEXIBILITY = (
@@ -131,20 +132,18 @@ def bending_regressor(felt: Array, omega: Array) -> Array:
         Shape (n, 6, 21), by the elements of K: xx, yy, zz, yz, xz, xy of its first block [kg s^2], all
         nine of the block beside that, row by row [kg m s^2], and six of its last one [kg m^2 s^2].
     """
-    specific_force, alpha = felt[0, :, :3], felt[0, :, 3:]
-    exerted = np.zeros((felt.shape[1], 6, len(FLEXIBILITY)))
-    for column, (i, j) in enumerate(FLEXIBILITY):
-        force, torque = exerted[:, :3, column], exerted[:, 3:, column]
-        for row, other in {(i, j), (j, i)}:
-            if row >= 3:
-                torque[:, row - 3] -= felt[2, :, other]
-                continue
-            off = np.zeros((3, *omega.shape))
-            off[:, :, row] = -felt[:, :, other]
-            force += off[2] + 2 * np.cross(omega, off[1]) + np.cross(alpha, off[0])
-            force += np.cross(omega, np.cross(omega, off[0]))
-            torque += np.cross(off[0], specific_force)
-    return exerted
+    y, rate, change = felt
+    turning = cross_matrices(omega)
+    # How force and torque follow the first moment and its derivatives.
+    followed = np.zeros((len(y), 6, 6, 6))
+    of_force = np.einsum("nij,nk->nijk", cross_matrices(y[:, 3:]) + turning @ turning, y)
+    of_force += np.einsum("nij,nk->nijk", 2 * turning, rate)
+    of_force += np.einsum("ij,nk->nijk", np.eye(3), change)
+    followed[:, :3, :3] = -of_force
+    followed[:, 3:, :3] = np.einsum("nij,nk->nijk", cross_matrices(y[:, :3]), y)
+    followed[:, 3:, 3:] = -np.einsum("ij,nk->nijk", np.eye(3), change)
+    i, j = np.array(FLEXIBILITY).T
+    return np.asarray(followed[:, :, i, j] + np.where(i == j, 0.0, 1.0) * followed[:, :, j, i])
 
 
 @cache

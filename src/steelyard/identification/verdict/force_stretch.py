@@ -10,7 +10,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import (
@@ -19,6 +18,7 @@ from steelyard.identification.model.balance import (
     balance_of,
     regressor_at,
 )
+from steelyard.identification.model.balance.bending import felt_at
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.segment import motion_at
 from steelyard.identification.solve.posterior import Posterior
@@ -50,7 +50,9 @@ class ForceStretch:
     gravity: Array
     """World frame [m/s^2], shape (3,)."""
     felt: Array
-    """Specific force, platform frame [m/s^2], shape (t, 3)."""
+    """Specific force [m/s^2] over angular acceleration [rad/s^2], platform frame, shape (t, 6)."""
+    omega: Array
+    """Angular velocity at the samples, platform frame [rad/s], shape (n, 3)."""
     rotation: Array
     """R_world_platform at the samples, shape (n, 3, 3)."""
     whitener: Array
@@ -85,7 +87,7 @@ class ForceStretch:
         return before, (steps - before)[:, None]
 
     def at_samples(self, instants: Array) -> Array:
-        """What is at the instants, at the samples, shape (n, 3) from (t, 3)."""
+        """What is at the instants, at the samples, shape (n, k) from (t, k)."""
         before, share = self._between
         after = np.minimum(before + 1, len(instants) - 1)
         return np.asarray(instants[before] * (1 - share) + instants[after] * share)
@@ -135,10 +137,9 @@ def _stretch(
         return None
     end = min(end, float(at.time[-1]))
     instants = np.arange(start, end, STEP)
-    pose, _, acceleration, _ = motion_at(segment.basis(instants), segment.coefficients)
-    turned = Rotation.from_quat(pose[:, 3:], scalar_first=True).as_matrix()
+    _, _, acceleration, _ = motion_at(segment.basis(instants), segment.coefficients)
     gravity = state.calibration.gravity
-    felt = np.einsum("nji,nj->ni", turned, acceleration[:, :3] - gravity)
+    felt, _ = felt_at(segment, instants, state.calibration)
     white = np.einsum("nij,nj->ni", at.whitener, at.left_over + at.by_processes)
     body = -regressor_at(found.experiment, segment, at.time, state.calibration)
     columns = at.whitener @ np.concatenate([body, at.by_reading], axis=2)
@@ -159,6 +160,7 @@ def _stretch(
         acceleration[:, :3],
         gravity,
         felt,
+        np.asarray(at.motion["omega"]),
         np.asarray(at.motion["rotation"]),
         at.whitener,
         use,

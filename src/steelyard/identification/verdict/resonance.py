@@ -17,6 +17,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from steelyard.arrays import Array
+from steelyard.dynamics import FLEXIBILITY, bending_regressor
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.estimates.quantiles import chi2_tail
 from steelyard.identification.known_body import known_body
@@ -52,6 +53,24 @@ _SHARP = 3.0
 percent of a platform; 1.3 where a platform that swings freely rubs in a way that its friction is not."""
 _CHANCE = 1e-10
 """Probability of it by chance, over all frequencies: errors of the description come first."""
+
+
+_PULLED = np.stack(
+    [
+        np.eye(DIRECTIONS)[:, :3],
+        *(np.vstack([np.zeros((3, 3)), np.cross(axis, np.eye(3)).T]) for axis in np.eye(3)),
+    ],
+    axis=1,
+)
+"""Wrenches that a pull makes, of a kilogramme and of a kilogramme a metre away along each axis, as linear
+functions of it, platform frame, shape (6, 4, 3)."""
+_AT_A_POINT = [
+    column
+    for column, (i, j) in enumerate(FLEXIBILITY)
+    if (i == j and i < 3) or (i < 3 <= j and j - 3 != i)
+]
+"""Elements of a matrix of residual flexibility by which a part at one point shows: how it follows forces
+along each axis, and turns by them."""
 
 
 class _Kind(NamedTuple):
@@ -175,7 +194,7 @@ class _Test(NamedTuple):
     fall: float
     """Decrease of the cost, chi-square where there is none."""
     pull: Array
-    """Its size, shape (c,): mass, and mass times place, for each direction."""
+    """Its size, shape (c,): mass, and mass times place; of what bends elements of its matrix."""
 
 
 def _likeliest(
@@ -221,22 +240,20 @@ class _Asked:
     kind: _Kind
     damping: float
     """Ratio."""
+    white: Array
+    """The whitener in units of the scatter, shape (n, 6, 6)."""
     by_pull: tuple[Array, ...]
     """How the whitened balance follows each component of a pull, shape (n, 6, c) each: of a kilogramme
-    and of a kilogramme a metre away."""
+    and of a kilogramme a metre away; empty of what bends."""
 
     @classmethod
     def of(cls, stretch: ForceStretch, kind: _Kind) -> _Asked:
         """Of one kind."""
-        wrenches = _wrenches(kind)
-        white = (stretch.whitener / stretch.scatter) @ wrenches.reshape(DIRECTIONS, -1)
-        whole = white.reshape(*white.shape[:2], *wrenches.shape[1:])
-        return cls(
-            stretch,
-            kind,
-            kind.damping[-1],
-            tuple(np.ascontiguousarray(whole[..., i]) for i in range(3)),
-        )
+        white = stretch.whitener / stretch.scatter
+        if kind.name == "bends":
+            return cls(stretch, kind, kind.damping[-1], white, ())
+        by_pull = tuple(white @ each for each in np.moveaxis(_PULLED, 2, 0))
+        return cls(stretch, kind, kind.damping[-1], white, by_pull)
 
     def rows(self, frequencies: Array) -> Iterator[Array]:
         """Columns of the balance as the residual is, one after the other, shape (6 n - 6, c) each.
@@ -244,13 +261,34 @@ class _Asked:
         Args:
             frequencies: At which it moves [Hz], shape (f,).
         """
+        stretch = self.stretch
+        if self.kind.name == "bends":
+            for bent in self._bent(frequencies):
+                yield innovations(self.white @ bent, stretch.use, stretch.kept)
+            return
         for pull in self._pulls(frequencies):
             white, *others = (
                 own * p[:, None, None] for own, p in zip(self.by_pull, pull.T, strict=True)
             )
             for each in others:
                 white += each
-            yield innovations(white, self.stretch.use, self.stretch.kept)
+            yield innovations(white, stretch.use, stretch.kept)
+
+    def _bent(self, frequencies: Array) -> Iterator[Array]:
+        """Wrench that the cables exert where a part follows the motion behind springs, at each frequency,
+        by the elements of its matrix, shape (n, 6, c) each.
+        """
+        stretch = self.stretch
+        for each in 2 * np.pi * frequencies:
+            follows = -self._behind(stretch.felt, each)
+            rate = np.gradient(follows, STEP, axis=0)
+            orders = (follows, rate, np.gradient(rate, STEP, axis=0))
+            felt = np.stack([stretch.at_samples(own) for own in orders])
+            yield bending_regressor(felt, stretch.omega)[:, :, _AT_A_POINT]
+
+    def _behind(self, driven: Array, omega: float) -> Array:
+        """Pull of a kilogramme on a spring that begins as it would hang at rest."""
+        return np.asarray(oscillator(driven - driven[0], omega, self.damping, STEP) - driven[0])
 
     def _pulls(self, frequencies: Array) -> Iterator[Array]:
         """Of a kilogramme, platform frame [N], shape (n, 3) each."""
@@ -261,14 +299,9 @@ class _Asked:
             for pull in pulls:
                 yield self._in_platform(pull)
             return
-        driven = stretch.level if self.kind.name == "swings" else stretch.felt
+        level = stretch.level
         for each in omega:
-            # It begins as it would hang at rest.
-            pull = oscillator(driven - driven[0], each, self.damping, STEP) - driven[0]
-            if self.kind.name == "bends":
-                yield stretch.at_samples(pull)
-            else:
-                yield self._in_platform(pull)
+            yield self._in_platform(self._behind(level, each))
 
     def _in_platform(self, pull: Array) -> Array:
         """At the samples and in the platform frame, from the instants and in the world frame."""
@@ -330,19 +363,3 @@ def _moved_body(found: Posterior, asked: Sequence[_Asked], frequency: float, pul
     scale = 1 / np.sqrt(np.diag(information))
     scaled = np.linalg.pinv(information * np.outer(scale, scale), hermitian=True)
     return np.asarray(scale * (scaled @ (scale * gradient)))
-
-
-def _wrenches(kind: _Kind) -> Array:
-    """Wrenches that a pull of a kilogramme and of a kilogramme a metre away makes, as linear functions
-    of it, platform frame, shape (6, c, 3).
-    """
-    axes = np.eye(3)
-    along = [axes] if kind.name == "swings" else [np.outer(axis, axis) for axis in axes]
-    found = []
-    for each in along:
-        found.append(np.vstack([each, np.zeros((3, 3))]))
-        for axis in axes:
-            moment = np.cross(axis, each, axisb=0, axisc=0)
-            if moment.any():
-                found.append(np.vstack([np.zeros((3, 3)), moment]))
-    return np.stack(found, axis=1)

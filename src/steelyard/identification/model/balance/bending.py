@@ -32,23 +32,23 @@ def bending_along(segment: Segment, times: Array, calibration: CalibrationValues
         times: Within the segment [s], of poses at rest their numbers, shape (n,).
         calibration: Present values of the systematic errors.
     """
-    felt, omega = _felt_at(segment, times, calibration)
+    felt, omega = felt_at(segment, times, calibration)
     rate = change = np.zeros_like(felt)
     if not segment.static:
         # At the ends of a segment the last whole step counts.
         start, end = segment.span
         inside = np.clip(times, start + _STEP, end - _STEP)
         before, there, after = (
-            _felt_at(segment, inside + step, calibration)[0] for step in (-_STEP, 0.0, _STEP)
+            felt_at(segment, inside + step, calibration)[0] for step in (-_STEP, 0.0, _STEP)
         )
         rate = (after - before) / (2 * _STEP)
         change = (before - 2 * there + after) / _STEP**2
     return bending_regressor(np.stack([felt, rate, change]), omega)
 
 
-def _felt_at(segment: Segment, times: Array, calibration: CalibrationValues) -> tuple[Array, Array]:
+def felt_at(segment: Segment, times: Array, calibration: CalibrationValues) -> tuple[Array, Array]:
     """Specific force of the platform origin [m/s^2] over angular acceleration [rad/s^2], shape (n, 6),
-    and angular velocity [rad/s], shape (n, 3), in P.
+    and angular velocity [rad/s], shape (n, 3), in P; arguments as of :func:`bending_along`.
     """
     pose, rate, acceleration, _ = motion_at(segment.basis(times), segment.coefficients)
     found = _felt()(pose=pose, rate=rate, acceleration=acceleration, gravity=calibration.gravity)
@@ -57,7 +57,7 @@ def _felt_at(segment: Segment, times: Array, calibration: CalibrationValues) -> 
 
 @cache
 def _felt() -> Batched:
-    """See :func:`_felt_at`."""
+    """See :func:`felt_at`."""
     pose, rate, acceleration = (ca.SX.sym(name, 7) for name in ("pose", "rate", "acceleration"))
     gravity = ca.SX.sym("gravity", 3)
     state = state_of_pose(pose, rate, acceleration, gravity)
