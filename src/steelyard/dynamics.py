@@ -32,6 +32,12 @@ FLEXIBILITY = (
     *((3 + i, 3 + j) for i, j in _SYMMETRIC),
 )
 """Rows and columns of the elements of a matrix of residual flexibility, in their order."""
+AT_A_POINT = tuple(
+    column
+    for column, (i, j) in enumerate(FLEXIBILITY)
+    if i < 3 and (i == j or (j >= 3 and j - 3 != i))
+)
+"""Elements by which a part at one point shows: how it follows forces along each axis, and turns by them."""
 
 
 def newton_euler(

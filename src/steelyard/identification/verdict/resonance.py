@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.dynamics import FLEXIBILITY, bending_regressor
+from steelyard.dynamics import AT_A_POINT, bending_regressor
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.estimates.quantiles import chi2_tail
 from steelyard.identification.known_body import known_body
@@ -64,13 +64,6 @@ _PULLED = np.stack(
 )
 """Wrenches that a pull makes, of a kilogramme and of a kilogramme a metre away along each axis, as linear
 functions of it, platform frame, shape (6, 4, 3)."""
-_AT_A_POINT = [
-    column
-    for column, (i, j) in enumerate(FLEXIBILITY)
-    if (i == j and i < 3) or (i < 3 <= j and j - 3 != i)
-]
-"""Elements of a matrix of residual flexibility by which a part at one point shows: how it follows forces
-along each axis, and turns by them."""
 
 
 class _Kind(NamedTuple):
@@ -284,7 +277,7 @@ class _Asked:
             rate = np.gradient(follows, STEP, axis=0)
             orders = (follows, rate, np.gradient(rate, STEP, axis=0))
             felt = np.stack([stretch.at_samples(own) for own in orders])
-            yield bending_regressor(felt, stretch.omega)[:, :, _AT_A_POINT]
+            yield bending_regressor(felt, stretch.omega)[:, :, AT_A_POINT]
 
     def _behind(self, driven: Array, omega: float) -> Array:
         """Pull of a kilogramme on a spring that begins as it would hang at rest."""

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
+from steelyard.dynamics import AT_A_POINT
 from steelyard.estimates.quantiles import chi2_tail, normal_tail
 from steelyard.identification.model.calibration_parameters import (
     BENDING,
@@ -39,6 +40,8 @@ from steelyard.identification.solve.misfits.suspected_errors import (
 )
 from steelyard.identification.solve.newton_step import step_of
 
+_BENDING: Key = (ROBOT, BENDING[0][0], None)
+"""The first of what stands for parts that bend."""
 _MISPLACED, _MISSCALED = 0.05, 0.1
 """1-sigma of an anchor or an attachment [m] and of a gain that is wrong."""
 _LEAST_SHARE = 1e-6
@@ -160,6 +163,8 @@ def _chance_of(
     sigma = np.sqrt(np.diag(covariance))
     correlation, whole = covariance / np.outer(sigma, sigma), off / sigma
     by_prior = parameters.precision[np.ix_(own, own)] * np.outer(sigma, sigma)
+    if keys[0] == _BENDING:
+        return _chance_of_bending(correlation, whole, by_prior)
     far = float(whole @ np.linalg.solve(correlation, whole))
     if keys[0][0] == ROBOT:
         # A load that swings looks like a hose: what is hardly told of one speaks against it.
@@ -167,6 +172,24 @@ def _chance_of(
     shares = np.clip(1 - np.diag(by_prior), _LEAST_SHARE, 1.0)
     single = min(_tail(z**2, shares[[i]]) for i, z in enumerate(whole))
     return min(_tail(far, _shares(correlation, by_prior)), len(own) * single)
+
+
+def _chance_of_bending(known: Array, off: Array, by_prior: Array) -> float:
+    """The same of what bends: of all of its numbers, or of those of a part at one point if the others
+    were none.
+
+    Args:
+        known: Covariance, shape (k, k).
+        off: How far they are from none, shape (k,).
+        by_prior: Precision of the prior, shape (k, k); all in the same units.
+    """
+    information = np.linalg.inv(known)
+    score, chances = information @ off, []
+    for own in (np.arange(len(off)), np.array(AT_A_POINT)):
+        alone = np.linalg.inv(information[np.ix_(own, own)])
+        shares = _shares(alone, by_prior[np.ix_(own, own)])
+        chances.append(_tail(float(score[own] @ alone @ score[own]), shares))
+    return len(chances) * min(chances)
 
 
 def _shares(known: Array, by_prior: Array) -> Array:
@@ -216,7 +239,10 @@ def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) 
     for own, deviation in rivals:
         wide[own] = np.maximum(wide[own], deviation)
     gains = _Gains.of(task, state, wide, held=held)
-    worst, least = frozenset[Key](), 2 * float(normal_tail(task.settings.suspicious))
+    surely, needless = (
+        2 * float(normal_tail(each)) for each in (task.settings.suspicious, task.settings.needless)
+    )
+    worst, least = frozenset[Key](), 1.0
     for entries in suspects.values():
         keys = frozenset(each.full_key for each in entries)
         own = np.concatenate([np.r_[places[e.full_key]] for e in entries])
@@ -224,12 +250,16 @@ def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) 
             # Crosstalk of one cable.
             continue
         chance, moved = gains.chance(own)
-        if entries[0].owner != ROBOT:
+        limit = surely
+        if entries[0].full_key == _BENDING:
+            # It comes as easily as it stays: where it is not there the body is only less certain.
+            chance, limit = 2 * min(chance, gains.chance(own[list(AT_A_POINT)])[0]), needless
+        elif entries[0].owner != ROBOT:
             # One of many numbers may be alone: among all of them it would be lost.
             single = min(gains.chance(own[i : i + 1])[0] for i in range(len(own)))
             chance = min(chance, len(own) * single)
         negligible = np.concatenate([np.full(len(e.mean), e.negligible) for e in entries])
-        if chance < least and np.any(np.abs(moved) > negligible):
+        if chance < min(limit, least) and np.any(np.abs(moved) > negligible):
             worst, least = keys, chance
     outside = any(owner == ROBOT for owner, _, _ in worst)
     # As a number for every pair of cables is: those of one cable may explain the same.
