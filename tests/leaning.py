@@ -1,4 +1,4 @@
-"""A part of a platform on springs, in moving axes, by integration."""
+"""What moves against a platform, for tests of what it exerts."""
 
 import numpy as np
 from scipy.integrate import solve_ivp

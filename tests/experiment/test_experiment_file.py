@@ -1,5 +1,6 @@
 """What an experiment file may say, and that it is read as it is meant."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,9 +9,11 @@ import pytest
 from recordings import RUN, save, simulated, table, write_small
 from scipy.spatial.transform import Rotation
 
+from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.recording import Run, Stream
+from steelyard.experiment.surroundings import BendingForm
 from steelyard.experiment.write import write_experiment
 from steelyard.identification.identify import identify
 from steelyard.identification.samples.preparation import prepare
@@ -182,6 +185,41 @@ def test_known_values_are_exact_or_have_a_sigma(small):
         "cz": (-0.1, 0.0),
         "Jxy": (0.0, 0.0),
     }
+
+
+def test_what_bends_is_stated_or_none(small, tmp_path):
+    plain = small.read_text()
+    assert read_experiment(small).surroundings.bending is None
+    for number, (text, stated) in enumerate(
+        {
+            "0": 0.0,
+            "{frequency: 7}": BendingForm(frequency=7.0, share=0.1),
+            "{frequency: 7, share: 0.2}": BendingForm(frequency=7.0, share=0.2),
+        }.items()
+    ):
+        small.write_text(plain + f"bending: {text}\n")
+        found = read_experiment(small)
+        assert found.surroundings.bending == stated
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        write_experiment(found, folder)
+        again = read_experiment(folder / "experiment.yaml")
+        assert again.surroundings.bending == stated
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("3", "expected 0, or a mapping of 'frequency' and 'share', found 3"),
+        ("{share: 0.2}", "expected this key, found it missing; add 'frequency'"),
+        ("{frequency: -1}", "expected a number above 0, found -1"),
+        ("{frequency: 7, share: 2}", "'bending.share'"),
+    ],
+)
+def test_what_is_no_bending_is_refused(small, text, what):
+    small.write_text(small.read_text() + f"bending: {text}\n")
+    with pytest.raises(InputError, match=re.escape(what)):
+        read_experiment(small)
 
 
 def test_uncertainty_of_the_robot_has_defaults(small, original):

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.estimates.quantiles import normal_exceeded
 from steelyard.identification.model.calibration_parameters import (
-    BENDING,
     DRAG,
     ROBOT,
     CalibrationParameter,
@@ -95,11 +94,6 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
     total = posterior.total
     tested = np.flatnonzero(~solution.estimated & (np.diag(total.normal) > 0))
     tested = tested[tested >= TEN]
-    if posterior.fit.motions:
-        # Second derivatives of a held motion have its noise, as has what is left over.
-        places = calibration_parameters.places
-        bending = [np.r_[places[key]] for key in places if key[1] in dict(BENDING)]
-        tested = np.setdiff1d(tested, TEN + np.concatenate([np.zeros(0, np.intp), *bending]))
     if not len(tested):
         return
     use = np.flatnonzero(solution.estimated)
@@ -132,6 +126,9 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
         if diagonal[i] < settings.its_own * own[i] or told[i] < settings.told:
             continue
         (unknown, component), size = components[int(column)], score[i] / diagonal[i]
+        if unknown.bends and posterior.fit.motions:
+            # Second derivatives of a held motion have its noise, as has what is left over.
+            continue
         if not _may_be_alone(unknown, component, size):
             continue
         yield Finding(
@@ -150,7 +147,7 @@ def _may_be_alone(unknown: CalibrationParameter, component: int, size: float) ->
     """Whether a number may be off by so much while all others of its parameter are right: of what bends,
     those on the diagonal, which are positive.
     """
-    if unknown.key not in dict(BENDING):
+    if not unknown.bends:
         return True
     i, j = element_of(unknown.key, component)
     return i == j and size > 0

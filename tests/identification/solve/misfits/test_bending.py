@@ -52,7 +52,7 @@ def chi_square(estimate, truth=TRUTH):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_what_bends_may_be_stated(seed):
-    # This motion is too slow to show it, and moments are 3 of their 1-sigma too large without.
+    # This motion is too slow to show it, and a moment is 3 of its 1-sigma too large without.
     stated = Surroundings.model_validate({"bending": {"frequency": 5.0, "share": 0.2}})
     recording = replace(bent(sound(seed), 30.0, 5.0), surroundings=stated)
     found = identify(recording, ["maximum-likelihood"]).estimate

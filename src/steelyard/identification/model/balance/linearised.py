@@ -4,7 +4,7 @@ calibration parameter.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -34,7 +34,7 @@ from steelyard.identification.model.balance.units_of_rest import (
 )
 from steelyard.identification.model.border import Border, ByParameters, has_column
 from steelyard.identification.model.calibration_parameters import (
-    BENDING,
+    BENDING_KEYS,
     ROBOT,
     CalibrationValues,
 )
@@ -220,11 +220,7 @@ class BalancePoint:
             None if self.column_of is None else frozenset(asked),
         )
         by_terms = np.broadcast_to(by_terms, (len(at.time), *by_terms.shape[1:]))
-        column = 0
-        for place in asked.values():
-            size = place.stop - place.start
-            yield place, by_terms[:, :, column : column + size]
-            column += size
+        yield from _in_turn(asked.values(), by_terms)
         rolled = at.rolled
         if by_rolling is None or rolled is None or self.segment.static:
             return
@@ -275,24 +271,15 @@ class BalancePoint:
             yield moves, answered
         yield from self.by_bending()
         for name, own in pulling(self.experiment, self.calibration, self.segment.run).items():
-            column = 0
-            for place in own if f"by_{name}" in self.derivatives else ():
-                size = place.stop - place.start
-                yield place, self.derivatives[f"by_{name}"][:, :, column : column + size]
-                column += size
+            if f"by_{name}" in self.derivatives:
+                yield from _in_turn(own, self.derivatives[f"by_{name}"])
 
     def by_bending(self) -> ByParameters:
         """Derivatives of the balance by what parts of the platform do that bend."""
         places = self.calibration.calibration_parameters.places
-        own = [places[ROBOT, key, None] for key, _ in BENDING if (ROBOT, key, None) in places]
-        if not any(self.asks(place) for place in own):
-            return
-        exerted = bending_along(self.segment, self.at.time, self.calibration)
-        column = 0
-        for place in own:
-            size = place.stop - place.start
-            yield place, -exerted[:, :, column : column + size]
-            column += size
+        own = [places[key] for key in BENDING_KEYS if key in places]
+        if any(self.asks(place) for place in own):
+            yield from _in_turn(own, -bending_along(self.segment, self.at.time, self.calibration))
 
     def _in_arms(self, by_attachment: Array) -> Array:
         """Derivative of the balance by the attachments, shape (n, 6, 3 m); see :mod:`.units_of_rest`."""
@@ -302,6 +289,15 @@ class BalancePoint:
         torque[:, :3] = 0.0
         arms = self.calibration.geometry["attachments"].reshape(-1, 3)
         return in_units(by_attachment, torque, by_attachments(arms))
+
+
+def _in_turn(places: Iterable[slice], columns: Array) -> ByParameters:
+    """Columns that stand side by side, shape (n, k, c), by where each of several parameters stands."""
+    first = 0
+    for place in places:
+        last = first + place.stop - place.start
+        yield place, columns[:, :, first:last]
+        first = last
 
 
 def point_of(
@@ -357,7 +353,8 @@ def by_body_and_readings(
     column_of: NDArray[np.intp],
 ) -> tuple[Array, NDArray[np.intp]]:
     """Derivatives of the balance by what noise of the motion is seen in: by the bodies that are carried,
-    what bends of them and the systematic errors of the readings; shape (n, 6, c), and their columns, shape (c,).
+    what bends of them and the systematic errors of the readings; shape (n, 6, c), and their columns,
+    shape (c,).
 
     Args:
         experiment: With robot and instruments.

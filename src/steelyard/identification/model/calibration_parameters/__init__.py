@@ -17,6 +17,9 @@ from steelyard.identification.model.calibration_parameters.gather import gather 
 from steelyard.identification.model.calibration_parameters.keys import AIR as AIR
 from steelyard.identification.model.calibration_parameters.keys import ATTACHED as ATTACHED
 from steelyard.identification.model.calibration_parameters.keys import BENDING as BENDING
+from steelyard.identification.model.calibration_parameters.keys import (
+    BENDING_KEYS as BENDING_KEYS,
+)
 from steelyard.identification.model.calibration_parameters.keys import DAMPING as DAMPING
 from steelyard.identification.model.calibration_parameters.keys import DRAG as DRAG
 from steelyard.identification.model.calibration_parameters.keys import ROBOT as ROBOT

@@ -28,6 +28,8 @@ SWIVEL = "swivel.friction"
 BENDING = (("bending.force", 6), ("bending.coupling", 9), ("bending.torque", 6))
 """Keys and sizes of what parts of a platform that bend do, see
 :func:`steelyard.dynamics.bending_regressor`."""
+BENDING_KEYS = tuple((ROBOT, key, None) for key, _ in BENDING)
+"""The same with their owner, and in all runs."""
 LOAD = "load"
 """First part of the keys of what further loads are more than the first: ten linear parameters."""
 APPARENT = "apparent"

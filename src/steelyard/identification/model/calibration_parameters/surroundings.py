@@ -85,19 +85,18 @@ def surroundings(experiment: Experiment) -> Iterator[CalibrationParameter]:
 
 def _bending(experiment: Experiment) -> Iterator[CalibrationParameter]:
     """Parts of the platform that bend."""
-    stated, soft = experiment.surroundings.bending, _SOFT
+    stated = experiment.surroundings.bending
+    soft, known = _SOFT, 0.0
     if isinstance(stated, BendingForm):
-        soft = stated.share / (2 * np.pi * stated.frequency) ** 2
+        soft, known = stated.share / (2 * np.pi * stated.frequency) ** 2, 1.0
     size, gravity = experiment.robot.size, float(np.linalg.norm(experiment.robot.gravity))
     soft *= usual_tensions(experiment) / gravity
     units = ("kg s^2", "kg m s^2", "kg m^2 s^2")
     for power, ((key, count), unit) in enumerate(zip(BENDING, units, strict=True)):
-        none, sigma = np.zeros(count), soft * size**power
-        if stated is None:
-            yield CalibrationParameter(ROBOT, key, None, unit, none, none, sigma)
-        else:
-            known = np.full(count, sigma if isinstance(stated, BendingForm) else 0.0)
-            yield CalibrationParameter(ROBOT, key, None, unit, none, known)
+        sigma, none = soft * size**power, np.zeros(count)
+        suspected = sigma if stated is None else None
+        deviation = np.full(count, known * sigma)
+        yield CalibrationParameter(ROBOT, key, None, unit, none, deviation, suspected)
 
 
 def _decay(mass: float, size: float) -> dict[str, tuple[float, float]]:

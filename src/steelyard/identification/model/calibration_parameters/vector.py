@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 from steelyard.identification.model.calibration_parameters.keys import (
     APPARENT,
-    BENDING,
+    BENDING_KEYS,
     LOAD,
     ROBOT,
     element_of,
@@ -79,6 +79,11 @@ class CalibrationParameter:
         return self.owner == ROBOT and self.key.startswith((f"{LOAD}.", f"{APPARENT}."))
 
     @property
+    def bends(self) -> bool:
+        """Whether it is a part of the matrix by which the platform bends."""
+        return self.full_key in BENDING_KEYS
+
+    @property
     def negligible(self) -> float:
         """Size that an error that is taken as none has not to be believed: it would be smaller than
         that of any device, so that something else imitates it.
@@ -105,7 +110,7 @@ class CalibrationParameter:
             if what == APPARENT:
                 of = f"of what moves in load '{load}'"
             return [f"{each} {of}" for each in _OF_LOADS]
-        if self.key in dict(BENDING):
+        if self.bends:
             elements = (element_of(self.key, i) for i in range(size))
             return [f"{where} {_AXES[i % 3]}{_AXES[j % 3]}" for i, j in elements]
         if size == 3:

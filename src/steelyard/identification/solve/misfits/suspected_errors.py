@@ -17,6 +17,7 @@ from steelyard.identification.model.calibration_parameters import (
     AIR,
     ATTACHED,
     BENDING,
+    BENDING_KEYS,
     ROBOT,
     CalibrationParameter,
     CalibrationParameters,
@@ -61,7 +62,7 @@ def is_possible(task: Task, found: Fit, asked: frozenset[Key], *, with_twin: boo
     """
     places = task.calibration_parameters.places
     ten, column_of = found.state.ten, task.column_of(found.state)
-    if (ROBOT, BENDING[0][0], None) in asked:
+    if asked & set(BENDING_KEYS):
         return _bends(task, found)
     for key in asked:
         least = -_SURE if with_twin else _least(task, key)
@@ -98,7 +99,7 @@ def _bends(task: Task, found: Fit) -> bool:
     are pulled, so that their matrix is positive.
     """
     places, size = task.calibration_parameters.places, task.experiment.robot.size
-    own = np.concatenate([np.r_[places[ROBOT, key, None]] for key, _ in BENDING])
+    own = np.concatenate([np.r_[places[key]] for key in BENDING_KEYS])
     columns = task.column_of(found.state)[own]
     scale = np.repeat([1.0, size, size**2], [count for _, count in BENDING])
     values = found.state.calibration.values[own] / scale

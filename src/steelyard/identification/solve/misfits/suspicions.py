@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.arrays import Array
-from steelyard.dynamics import AT_A_POINT
+from steelyard.dynamics import AT_A_POINT, FLEXIBILITY
 from steelyard.estimates.quantiles import chi2_tail, normal_tail
 from steelyard.identification.model.calibration_parameters import (
-    BENDING,
+    BENDING_KEYS,
     ROBOT,
     CalibrationParameter,
     CalibrationParameters,
@@ -40,8 +40,8 @@ from steelyard.identification.solve.misfits.suspected_errors import (
 )
 from steelyard.identification.solve.newton_step import step_of
 
-_BENDING: Key = (ROBOT, BENDING[0][0], None)
-"""The first of what stands for parts that bend."""
+_BENT = np.arange(len(FLEXIBILITY)), np.array(AT_A_POINT)
+"""Elements of what bends that are asked for together: all, and those of a part at one point."""
 _MISPLACED, _MISSCALED = 0.05, 0.1
 """1-sigma of an anchor or an attachment [m] and of a gain that is wrong."""
 _LEAST_SHARE = 1e-6
@@ -70,7 +70,7 @@ def with_suspicions(
         # What swings goes with the pulls of all cables: it looks like crosstalk.
         return task, found
     # Second derivatives of a held motion have its noise, as has what is left over.
-    refused: frozenset[Key] = frozenset((ROBOT, key, None) for key, _ in BENDING if held)
+    refused: frozenset[Key] = frozenset(BENDING_KEYS if held else ())
     for _ in range(task.settings.suspicions):
         worst = _worst(task, found.state, refused, held=held)
         if not worst:
@@ -163,7 +163,7 @@ def _chance_of(
     sigma = np.sqrt(np.diag(covariance))
     correlation, whole = covariance / np.outer(sigma, sigma), off / sigma
     by_prior = parameters.precision[np.ix_(own, own)] * np.outer(sigma, sigma)
-    if keys[0] == _BENDING:
+    if keys[0] in BENDING_KEYS:
         return _chance_of_bending(correlation, whole, by_prior)
     far = float(whole @ np.linalg.solve(correlation, whole))
     if keys[0][0] == ROBOT:
@@ -185,7 +185,7 @@ def _chance_of_bending(known: Array, off: Array, by_prior: Array) -> float:
     """
     information = np.linalg.inv(known)
     score, chances = information @ off, []
-    for own in (np.arange(len(off)), np.array(AT_A_POINT)):
+    for own in _BENT:
         alone = np.linalg.inv(information[np.ix_(own, own)])
         shares = _shares(alone, by_prior[np.ix_(own, own)])
         chances.append(_tail(float(score[own] @ alone @ score[own]), shares))
@@ -251,9 +251,11 @@ def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) 
             continue
         chance, moved = gains.chance(own)
         limit = surely
-        if entries[0].full_key == _BENDING:
+        if entries[0].bends:
             # It comes as easily as it stays: where it is not there the body is only less certain.
-            chance, limit = 2 * min(chance, gains.chance(own[list(AT_A_POINT)])[0]), needless
+            at_a_point, _ = gains.chance(own[_BENT[1]])
+            chance = len(_BENT) * min(chance, at_a_point)
+            limit = needless
         elif entries[0].owner != ROBOT:
             # One of many numbers may be alone: among all of them it would be lost.
             single = min(gains.chance(own[i : i + 1])[0] for i in range(len(own)))
