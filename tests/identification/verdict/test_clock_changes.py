@@ -11,7 +11,12 @@ from simulated import sound, studied
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.settings import FitSettings
 from steelyard.identification.verdict import clock_changes
-from steelyard.identification.verdict.clock_changes import ClockChange, delay_changes, set_clocks
+from steelyard.identification.verdict.clock_changes import (
+    ClockChange,
+    _step_of_delay,
+    delay_changes,
+    set_clocks,
+)
 from steelyard.identification.verdict.settings import VERDICT
 from steelyard.inspection.identify import identify
 
@@ -81,6 +86,31 @@ def test_an_estimate_across_it_is_rejected_and_two_runs_are_accepted():
     assert verdict.accepted, verdict.reasons
 
 
+def swinging(time):
+    """Places along a motion, shape (n, 3)."""
+    return np.column_stack([np.sin(2 * np.pi * f * time + f) / f for f in (0.31, 0.47, 0.83)])
+
+
+@pytest.mark.parametrize("size", [0.03, -0.015])
+def test_readings_that_depart_by_a_delay_from_some_time_on_are_late(size):
+    time = np.sort(np.random.default_rng(1).uniform(0, 20, 1500))
+    late = swinging(time - size * (time > 11.4)) - swinging(time)
+    at, found, z = _step_of_delay(time, swinging(time), late + [0.1, 0.0, -0.2], 2.0, VERDICT)
+    assert at == pytest.approx(11.4, abs=0.3)
+    assert found == pytest.approx(size, rel=0.05)
+    assert z > 5
+
+
+def test_coloured_noise_is_no_delay():
+    time = np.arange(0, 20, 0.05)
+    rng = np.random.default_rng(2)
+    for _ in range(300):
+        kept, noise = np.exp(-0.05 / 2.0), rng.standard_normal((len(time), 3))
+        for i in range(1, len(time)):
+            noise[i] = kept * noise[i - 1] + np.sqrt(1 - kept**2) * noise[i]
+        assert _step_of_delay(time, swinging(time), 0.01 * noise, 2.0, VERDICT) is None
+
+
 @pytest.mark.parametrize(
     ("size", "within_clock", "shift", "counts"),
     [
@@ -96,6 +126,7 @@ def test_within_a_clock_a_few_milliseconds_are_friction(
 ):
     change = ClockChange("run", ("cables",), 17.2, 5.1, size, size / 5.1, shift, within_clock)
     monkeypatch.setattr(clock_changes, "delay_changes", lambda posterior, settings: [change])
+    monkeypatch.setattr(clock_changes, "disturbing_changes", lambda posterior, settings: [])
     assert list(set_clocks(None)) == [change] * counts
 
 

@@ -113,7 +113,7 @@ def test_a_mass_that_is_known_is_not_moved():
         known = replace(swinging, known={"mass": (TRUTH[0], sigma)})
         posterior = fit_jointly(known)
         (stretch,) = force_stretches(posterior)
-        asked = [_Asked.of(stretch, _KINDS[0])]
+        asked = [_Asked.of(stretch, _KINDS[0], TRUTH[0])]
         pull = np.array([-4.0, *(-4.0 * AT)])
         moved[sigma] = _moved_body(posterior, asked, 0.64, pull)
     assert abs(moved[10.0][0]) > 0.01

@@ -16,13 +16,25 @@ from steelyard.arrays import Array
 from steelyard.estimates.quantiles import normal_exceeded
 from steelyard.identification.model.calibration_parameters import (
     CalibrationParameter,
+    clock_of,
     instruments_of,
 )
+from steelyard.identification.solve.misfits.disturbances import disturbed_readings, unstated_along
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.directed_tests import length_of, pulled_by_priors
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import TEN
 from steelyard.instruments.base import LATENCY
+
+_STEP = 0.25
+"""Between times at which coloured noise may begin to be a delay [s]."""
+_RATE = 0.05
+"""Before and after an instant, whose difference is a rate [s]."""
+_MOSTLY = 0.8
+"""Part of coloured noise that a change of a delay explains where it is none: .02 of what other devices
+drift and jump by."""
+_FEWEST = 6.0
+"""Independent numbers of coloured noise, of which two explain so much by chance only."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +79,10 @@ def set_clocks(posterior: Posterior, settings: VerdictSettings = VERDICT) -> Ite
         counts = test.shift > settings.matters or abs(test.size) > least
         if abs(test.z) > limit and counts:
             seen.setdefault(test.run, []).append(test)
+    for change in disturbing_changes(posterior, settings):
+        least = settings.slipped_by if change.within_clock else settings.set_by
+        if abs(change.size) > least:
+            seen.setdefault(change.run, []).append(change)
     for changes in seen.values():
         # Two clocks tell each other's change: it is more likely that of the one that fewer read.
         yield max(changes, key=lambda each: (round(abs(each.z), 1), -len(each.owners)))
@@ -151,6 +167,82 @@ def _changes(
                 length(moves @ across[k] * size),
                 parameter.key == LATENCY,
             )
+
+
+def disturbing_changes(
+    posterior: Posterior, settings: VerdictSettings = VERDICT
+) -> Iterator[ClockChange]:
+    """Changes of delays that coloured noise of a motion instrument stands for: it departs by the rate of
+    what is read times a step. With such noise a delay is hardly told, and its score is small.
+
+    Args:
+        posterior: With the motion.
+        settings: Levels.
+    """
+    experiment = posterior.experiment
+    for segment in posterior.fit.state.segments:
+        for process, _ in unstated_along(segment):
+            name = process.disturbs[0]
+            if name not in experiment.instruments or experiment.instruments[name].is_force:
+                continue
+            clock = clock_of(experiment, name)
+            delay = posterior.calibration.delay(clock, segment.run)
+            streams = next(run for run in experiment.runs if run.name == segment.run).streams
+            shared = any(each != name and clock_of(experiment, each) == clock for each in streams)
+            for _, time, read, departs in disturbed_readings(segment, process):
+                found = _step_of_delay(time, read - departs, departs, process.time, settings)
+                if found is not None:
+                    at, size, z = found
+                    sigma = abs(size) / z
+                    yield ClockChange(segment.run, (name,), at - delay, z, size, sigma, 0.0, shared)
+
+
+def _step_of_delay(
+    time: Array, moved: Array, departs: Array, correlated: float, settings: VerdictSettings
+) -> tuple[float, float, float] | None:
+    """When a delay would change for readings to depart like this [s], by how much [s], and how surely, in
+    sigma of a normal number; None: no such change explains most of it.
+
+    Args:
+        time: Of n readings [s].
+        moved: What the motion has there, shape (n, k).
+        departs: By how much they depart from it, shape (n, k).
+        correlated: Time over which they do so alike [s].
+        settings: Levels.
+    """
+    margin = settings.on_both_sides
+    if not len(time) or np.ptp(time) < 2 * margin:
+        return None
+    asked = np.arange(time[0] + margin, time[-1] - margin, _STEP)
+    independent = moved.shape[1] * (np.ptp(time) / correlated - 1)
+    if independent < _FEWEST:
+        return None
+    later, before = (
+        np.column_stack([np.interp(time + step, time, each) for each in moved.T])
+        for step in (_RATE, -_RATE)
+    )
+    # Of what is late by more, less of the motion has come: of a delay throughout, and of one from each
+    # instant on, beside a constant.
+    rate = (before - later) / (2 * _RATE)
+    rate -= rate.mean(axis=0)
+    whole = departs - departs.mean(axis=0)
+    since = np.searchsorted(time, asked)
+    own, follows, square = (_from_each_on(each)[since] for each in (rate, rate * whole, rate**2))
+    both = np.sum(square, axis=1)
+    normal = np.empty((len(asked), 2, 2))
+    normal[:, 0, 0] = np.sum(rate**2)
+    normal[:, 0, 1] = normal[:, 1, 0] = both
+    normal[:, 1, 1] = both - np.sum(own**2, axis=1) / len(time)
+    right = np.stack([np.full(len(asked), np.sum(rate * whole)), np.sum(follows, axis=1)], axis=1)
+    sizes = np.einsum("nij,nj->ni", np.linalg.pinv(normal, hermitian=True), right)
+    shares = np.sum(sizes * right, axis=1) / max(float(np.sum(whole**2)), 1e-300)
+    best = int(np.argmax(shares))
+    share, at, size = float(shares[best]), float(asked[best]), float(sizes[best, 1])
+    # Two numbers explain so much of independent ones by chance: Fisher's F, in closed form.
+    chance = (1 - share) ** ((independent - 2) / 2) * len(asked)
+    if share < _MOSTLY or chance > settings.family:
+        return None
+    return at, size, float(normal_exceeded(chance / 2))
 
 
 def _from_each_on(values: Array) -> Array:

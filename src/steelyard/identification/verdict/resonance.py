@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.dynamics import AT_A_POINT, bending_regressor
+from steelyard.dynamics import AT_A_POINT, FLEXIBILITY, bending_regressor
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.estimates.quantiles import chi2_tail
 from steelyard.identification.known_body import known_body
@@ -51,10 +52,19 @@ _WIDTHS = 4.0
 _SHARP = 3.0
 """By how much more the cost falls at a resonance than beside it: seven times and more for loads of a
 percent of a platform; 1.3 where a platform that swings freely rubs in a way that its friction is not."""
+_LINES, _HUMS = 2.0, 17
+"""Lines of a stretch on either side of a resonance at which something may hum, and how many are tried."""
 _CHANCE = 1e-10
 """Probability of it by chance, over all frequencies: errors of the description come first."""
 
 
+_ALONG = tuple(
+    [place for place, column in enumerate(AT_A_POINT) if FLEXIBILITY[column][0] == axis]
+    for axis in range(3)
+)
+"""Of what bends, the elements that tell how it follows the force along each axis, its own first."""
+_OF_AXES = tuple(axes for count in (1, 2, 3) for axes in combinations(range(3), count))
+"""Axes along which it may bend."""
 _PULLED = np.stack(
     [
         np.eye(DIRECTIONS)[:, :3],
@@ -137,6 +147,8 @@ def _resonance(found: Posterior, settings: VerdictSettings) -> Resonance | None:
     stretches = [] if found.fit.motions else list(force_stretches(found))
     if not stretches:
         return None
+    assert found.fit.state.parameters is not None
+    whole = float(found.fit.state.parameters[0])
     duration = max(each.duration for each in stretches)
     best: tuple[float, Resonance] | None = None
     for kind in _KINDS:
@@ -147,7 +159,7 @@ def _resonance(found: Posterior, settings: VerdictSettings) -> Resonance | None:
             # What pulls so far has left an unmodelled wrench.
             continue
         frequencies = _frequencies(kind, lowest, duration)
-        begun = [_Asked.of(each, kind) for each in stretches]
+        begun = [_Asked.of(each, kind, whole) for each in stretches]
         asked, likeliest, test = _likeliest(begun, frequencies)
         trials = len(frequencies) * len(kind.damping)
         if not _is_resonance(test, asked, likeliest, trials, duration):
@@ -222,7 +234,29 @@ def _is_resonance(
     reach = 1 + _WIDTHS * _width(frequency, asked[0].kind.damping[-1], duration) / frequency
     factors = {_BESIDE, min(reach, _BESIDE)}
     neighbours = np.array([frequency * own for each in factors for own in (each, 1 / each)])
-    return all(test.fall > _SHARP * each.fall for each in _tested(asked, neighbours))
+    if not all(test.fall > _SHARP * each.fall for each in _tested(asked, neighbours)):
+        return False
+    return not (asked[0].kind.is_stiff and _hums(asked, frequency, test, duration))
+
+
+def _hums(asked: Sequence[_Asked], frequency: float, test: _Test, duration: float) -> bool:
+    """Whether what keeps on vibrating, whatever the motion is, explains more than what follows it: forces
+    that hum are no part that moves.
+    """
+    (by_motion,) = zip(*(each.rows(np.array([frequency])) for each in asked), strict=True)
+    follows = _explained(asked, [rows @ test.pull[:, None] for rows in by_motion])
+    reach = np.linspace(-_LINES, _LINES, _HUMS) / duration
+    return any(
+        _explained(asked, [each.by_itself(own, 0.0) for each in asked]) > follows
+        for own in frequency + reach
+    )
+
+
+def _explained(asked: Sequence[_Asked], rows: Sequence[Array]) -> float:
+    """By how much the cost falls with columns beside the body."""
+    own = [beside(each.stretch.base, one) for each, one in zip(asked, rows, strict=True)]
+    normal, right = _normal(asked, own)
+    return float(right @ _solved(normal, right))
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,6 +267,8 @@ class _Asked:
     kind: _Kind
     damping: float
     """Ratio."""
+    whole: float
+    """Mass of platform and load [kg]."""
     white: Array
     """The whitener in units of the scatter, shape (n, 6, 6)."""
     by_pull: tuple[Array, ...]
@@ -240,13 +276,13 @@ class _Asked:
     and of a kilogramme a metre away; empty of what bends."""
 
     @classmethod
-    def of(cls, stretch: ForceStretch, kind: _Kind) -> _Asked:
+    def of(cls, stretch: ForceStretch, kind: _Kind, whole: float) -> _Asked:
         """Of one kind."""
         white = stretch.whitener / stretch.scatter
         if kind.name == "bends":
-            return cls(stretch, kind, kind.damping[-1], white, ())
+            return cls(stretch, kind, kind.damping[-1], whole, white, ())
         by_pull = tuple(white @ each for each in np.moveaxis(_PULLED, 2, 0))
-        return cls(stretch, kind, kind.damping[-1], white, by_pull)
+        return cls(stretch, kind, kind.damping[-1], whole, white, by_pull)
 
     def rows(self, frequencies: Array) -> Iterator[Array]:
         """Columns of the balance as the residual is, one after the other, shape (6 n - 6, c) each.
@@ -301,15 +337,18 @@ class _Asked:
         found = np.einsum("nji,nj->ni", self.stretch.rotation, self.stretch.at_samples(pull))
         return np.asarray(found)
 
-    def free(self, frequency: float) -> Array:
-        """The same of what goes on moving at a frequency from where it was in the beginning, which
-        nobody knows, as a wrench on the platform, shape (6 n - 6, 12).
+    def by_itself(self, frequency: float, damping: float) -> Array:
+        """The same of what vibrates at a frequency whatever the motion is, as a wrench on the platform,
+        shape (6 n - 6, 12): it goes on from where it was in the beginning, which nobody knows.
+
+        Args:
+            frequency: [Hz]
+            damping: Ratio; 0: something keeps it up, as the mains do.
         """
         stretch, omega = self.stretch, 2 * np.pi * frequency
         since = stretch.time - stretch.time[0]
-        size = np.exp(-self.damping * omega * since)
-        waves = size * (np.cos(omega * since), np.sin(omega * since))
-        white = np.concatenate([stretch.whitener * own[:, None, None] for own in waves], axis=2)
+        waves = np.exp(-damping * omega * since) * (np.cos(omega * since), np.sin(omega * since))
+        white = np.concatenate([self.white * own[:, None, None] for own in waves], axis=2)
         return innovations(white, stretch.use, stretch.kept)
 
 
@@ -324,19 +363,41 @@ def _fall(asked: Sequence[_Asked], frequency: float, rows: Sequence[Array]) -> _
     """See :func:`_tested`, of the rows of every stretch at one frequency."""
     own = [beside(each.stretch.base, one) for each, one in zip(asked, rows, strict=True)]
     if asked[0].kind.is_stiff:
-        # Only what the motion makes of it tells: it vibrates freely as a whole, too, on its cables.
-        free = [orthonormal(beside(a.stretch.base, a.free(frequency))) for a in asked]
+        # Only what the motion makes of it tells: it vibrates as a whole, too, on its cables.
+        free = [
+            orthonormal(beside(a.stretch.base, a.by_itself(frequency, a.damping))) for a in asked
+        ]
         own = [beside(base, one) for base, one in zip(free, own, strict=True)]
+    normal, right = _normal(asked, own)
+    if asked[0].kind.name != "bends":
+        pull = _solved(normal, right)
+        return _Test(float(right @ pull), pull)
+    # What pulls it along, as much as a part of the platform may: else it is no part of one.
+    most = asked[0].whole / (2 * np.pi * frequency) ** 2
+    best = _Test(0.0, np.zeros(len(right)))
+    for axes in _OF_AXES:
+        places = [place for axis in axes for place in _ALONG[axis]]
+        pull = np.zeros(len(right))
+        pull[places] = _solved(normal[np.ix_(places, places)], right[places])
+        if all(0 < pull[_ALONG[axis][0]] < most for axis in axes) and right @ pull > best.fall:
+            best = _Test(float(right @ pull), pull)
+    return best
+
+
+def _normal(asked: Sequence[_Asked], own: Sequence[Array]) -> tuple[Array, Array]:
+    """Normal equations of columns in all stretches, shapes (c, c) and (c,)."""
     normal = np.sum([one.T @ one for one in own], axis=0)
-    right = np.sum(
-        [one.T @ each.stretch.over for each, one in zip(asked, own, strict=True)], axis=0
-    )
+    over = [one.T @ each.stretch.over for each, one in zip(asked, own, strict=True)]
+    return np.asarray(normal), np.sum(over, axis=0)
+
+
+def _solved(normal: Array, right: Array) -> Array:
+    """Solution of normal equations as far as they are independent, shape (c,)."""
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     size, direction = np.linalg.eigh(normal / np.outer(scale, scale))
     told = np.abs(size) > INDEPENDENT * np.abs(size).max()
     along = direction[:, told].T @ (right / scale) / size[told]
-    pull = direction[:, told] @ along / scale
-    return _Test(float(right @ pull), pull)
+    return np.asarray(direction[:, told] @ along / scale)
 
 
 def _moved_body(found: Posterior, asked: Sequence[_Asked], frequency: float, pull: Array) -> Array:

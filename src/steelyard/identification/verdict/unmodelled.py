@@ -13,6 +13,7 @@ from steelyard.identification.model.balance import UNMODELLED_PARTS, balance_of
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import Process
 from steelyard.identification.solve.misfits.disturbances import (
+    disturbed_readings,
     every_along,
     root_mean_square,
     unstated_along,
@@ -109,15 +110,10 @@ def _against_motion(segment: Segment, process: Process, settings: VerdictSetting
         settings: How surely, and how far beyond its noise.
     """
     found = set[int]()
-    for reading in segment.readings:
-        if reading.source != process.disturbs or reading.values.ndim != 2:
-            continue
-        inside = segment.holds(reading.time) & np.isfinite(reading.values).all(axis=1)
-        read = reading.values[inside]
+    for reading, _, read, departs in disturbed_readings(segment, process):
         if len(read) < settings.fewest_readings:
             continue
-        # Residuals are readings less what the motion has, and a disturbance is added to them.
-        moved = read + segment.disturbance(process, segment.basis(reading.time[inside]))
+        moved = read - departs
         read, moved = read - read.mean(axis=0), moved - moved.mean(axis=0)
         size = np.sqrt(np.mean(read**2, axis=0))
         alike = np.mean(read * moved, axis=0) / np.maximum(size * moved.std(axis=0), 1e-300)

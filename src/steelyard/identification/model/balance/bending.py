@@ -12,7 +12,7 @@ from steelyard.batch import Batched
 from steelyard.dynamics import bending_regressor
 from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.model.motion_segment import Segment
-from steelyard.identification.model.segment import motion_at
+from steelyard.identification.model.segment import basis, motion_at
 from steelyard.motion.state import state_of_pose
 
 _STEP = 0.02
@@ -36,20 +36,19 @@ def bending_along(segment: Segment, times: Array, calibration: CalibrationValues
         felt, omega = felt_at(segment, times, calibration)
         still = np.zeros_like(felt)
         return bending_regressor(np.stack([felt, still, still]), omega)
-    # At the ends of a segment the last whole step counts.
-    start, end = segment.span
-    inside = np.clip(times, start + _STEP, end - _STEP)
-    felt, omega = felt_at(segment, inside, calibration)
-    before, after = (felt_at(segment, inside + step, calibration)[0] for step in (-_STEP, _STEP))
+    felt, omega = felt_at(segment, times, calibration)
+    before, after = (felt_at(segment, times + step, calibration)[0] for step in (-_STEP, _STEP))
     rate, change = (after - before) / (2 * _STEP), (before - 2 * felt + after) / _STEP**2
     return bending_regressor(np.stack([felt, rate, change]), omega)
 
 
 def felt_at(segment: Segment, times: Array, calibration: CalibrationValues) -> tuple[Array, Array]:
     """Specific force of the platform origin [m/s^2] over angular acceleration [rad/s^2], shape (n, 6),
-    and angular velocity [rad/s], shape (n, 3), in P; arguments as of :func:`bending_along`.
+    and angular velocity [rad/s], shape (n, 3), in P; arguments as of :func:`bending_along`. Beyond the
+    ends of a segment, as its first and last pieces go on.
     """
-    pose, rate, acceleration, _ = motion_at(segment.basis(times), segment.coefficients)
+    own = segment.basis(times) if segment.static else basis(segment.knots, times)
+    pose, rate, acceleration, _ = motion_at(own, segment.coefficients)
     found = _felt()(pose=pose, rate=rate, acceleration=acceleration, gravity=calibration.gravity)
     return found["felt"], found["omega"]
 

@@ -23,7 +23,7 @@ from steelyard.identification.model.balance import (
     Forces,
 )
 from steelyard.identification.model.calibration_parameters import ROBOT
-from steelyard.identification.model.motion_segment import Segment
+from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.process_levels import (
     ProcessLevel,
     ProcessLevels,
@@ -99,6 +99,22 @@ def every_along(segment: Segment) -> Iterator[tuple[Process, Array]]:
 def unstated_along(segment: Segment) -> Iterator[tuple[Process, Array]]:
     """Those that nobody has stated, see :func:`every_along`."""
     return ((each, along) for each, along in every_along(segment) if not each.is_stated)
+
+
+def disturbed_readings(
+    segment: Segment, process: Process
+) -> Iterator[tuple[Reading, Array, Array, Array]]:
+    """What a process disturbs along its segment: a reading, its n times within it [s], its values there,
+    shape (n, k), and by how much these depart for the process, shape (n, k); nothing of rotations.
+    """
+    for reading in segment.readings:
+        if reading.source != process.disturbs or reading.values.ndim != 2:
+            continue
+        inside = segment.holds(reading.time) & np.isfinite(reading.values).all(axis=1)
+        time = reading.time[inside]
+        # Residuals are readings less what the motion has, and a disturbance is added to them.
+        departs = -np.asarray(segment.disturbance(process, segment.basis(time)))
+        yield reading, time, reading.values[inside], departs
 
 
 def root_mean_square(along: Array) -> Array:
