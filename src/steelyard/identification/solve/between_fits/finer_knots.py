@@ -25,7 +25,10 @@ from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.newton_step import step_of
 from steelyard.identification.solve.noise_levels import ratios_of, spent_by
 from steelyard.identification.solve.stated_processes import with_stated
+from steelyard.instruments.equations import order_of
 
+_ACCELERATION = 2
+"""Order of the derivative of the pose that an accelerometer reads."""
 _KNOTS = 5.0
 """In a period of what vibrates; two are the least that follow it at all."""
 
@@ -104,10 +107,11 @@ def coarse_runs(readings: Readings, found: Fitted) -> dict[str, FinerKnots]:
 
     Where an instrument of the motion scatters more than stated too, it is not known who is wrong
     (forces whose time stamps scatter bend the motion), and some hundredths of a variance are no
-    reason: finer knots would follow the forces the more.
+    reason: finer knots would follow the forces the more. Unless an accelerometer, which feels first
+    what knots do not follow, scatters beyond chance as forces do.
     """
     scatter = scatter_of_forces(found, found.fit.ratios)
-    least = 1.0 if _motion_as_stated(found) else found.task.settings.larger**2
+    least = found.task.settings.larger**2 if _is_open(found) and not _felt(found) else 1.0
     beyond = {
         own[0] for own, ratio in scatter.items() if ratio > least and _is_beyond(found, own, ratio)
     }
@@ -155,11 +159,28 @@ def scatter_of_forces(found: Fitted, ratios: Mapping[Source, float]) -> dict[Sou
         ratios: Variance over what it counts as with the levels of this fit, see :func:`.ratios_of`.
     """
     names = {forces.name for forces in found.force_samples}
+    return {own: each for own, each in _scatter(found, ratios).items() if own[0] in names}
+
+
+def _scatter(found: Fitted, ratios: Mapping[Source, float]) -> dict[Source, float]:
+    """The same of all quantities whose noise is stated."""
     factors, stated = found.fit.state.factors, found.fit.stated
     return {
-        own: ratio * factors.get(own, 1.0) ** 2
-        for own, ratio in ratios.items()
-        if own[0] in names and own in stated
+        own: ratio * factors.get(own, 1.0) ** 2 for own, ratio in ratios.items() if own in stated
+    }
+
+
+def _felt(found: Fitted) -> dict[Source, float]:
+    """Variance of accelerometers that scatter beyond their stated noise by more than chance, over that
+    of it.
+    """
+    experiment = found.task.experiment
+    return {
+        own: scatter
+        for own, scatter in _scatter(found, found.fit.ratios).items()
+        if _is_beyond(found, own, scatter)
+        and not experiment.instruments[own[0]].is_force
+        and order_of(experiment.instruments[own[0]], own[1], experiment.robot) == _ACCELERATION
     }
 
 
@@ -173,33 +194,38 @@ def finer_explain(begun: Beginning, found: Fitted) -> bool:
     task, state = with_jitter(task, with_stated(task, begun.state))
     parts, tally = linearise(task, state)
     equations = smooth(state, [each.all for each in parts])
+    felt = _felt(found) if _is_open(found) else {}
     for _ in range(task.settings.steps_to_explain):
         cost = tally.cost
         state = step_of(task, state, equations).along(task, state, 1.0)
         parts, tally = linearise(task, state)
         equations = smooth(state, [each.all for each in parts])
-        after = scatter_of_forces(found, ratios_of(task, spent_by(equations), tally))
-        if _explains(found, after):
+        after = ratios_of(task, spent_by(equations), tally)
+        own = _explained(found, scatter_of_forces(found, found.fit.ratios), after)
+        if own and (not felt or _explained(found, felt, after)):
             return True
         if task.settings.hardly * cost < tally.cost < cost:
             break
     return False
 
 
-def _explains(found: Fitted, after: Mapping[Source, float]) -> bool:
+def _explained(
+    found: Fitted, before: Mapping[Source, float], ratios: Mapping[Source, float]
+) -> bool:
     """Whether of a quantity that scatters beyond its stated noise most of that has gone."""
+    after = _scatter(found, ratios)
     return any(
-        after.get(own, np.inf) - 1 < found.task.settings.explained * (before - 1)
-        for own, before in scatter_of_forces(found, found.fit.ratios).items()
-        if _is_beyond(found, own, before)
+        after.get(own, np.inf) - 1 < found.task.settings.explained * (scatter - 1)
+        for own, scatter in before.items()
+        if _is_beyond(found, own, scatter)
     )
 
 
-def _motion_as_stated(found: Fitted) -> bool:
-    """Whether no instrument of the motion scatters visibly more than its stated noise."""
+def _is_open(found: Fitted) -> bool:
+    """Whether an instrument of the motion scatters visibly more than its stated noise."""
     names = {forces.name for forces in found.force_samples}
     factors, stated = found.fit.state.factors, found.fit.stated
-    return all(f <= 1.0 for own, f in factors.items() if own in stated and own[0] not in names)
+    return any(f > 1.0 for own, f in factors.items() if own in stated and own[0] not in names)
 
 
 def _is_beyond(found: Fitted, source: Source, scatter: float) -> bool:
