@@ -193,6 +193,21 @@ def test_a_platform_that_rings_freely_is_one_body(seed):
     assert resonance(fit_jointly(late)) is None
 
 
+def humming(since, acceleration, rotation):
+    """Something that pulls at it along z, whatever it does [N]."""
+    return 60.0 * np.sin(2 * np.pi * 6.3 * since)[:, None] * [0.0, 0.3, 1.0]
+
+
+@pytest.mark.slow
+def test_what_hums_is_no_part_that_moves():
+    experiment = withstood(sound(1), humming)
+    assert resonance(fit_jointly(experiment)) is None
+    (run,) = experiment.runs
+    parts = [(0.0, BEGINS), (BEGINS + 0.5, 12.0)]
+    runs = [replace(run, name=f"{part[0]}", window=part) for part in parts]
+    assert resonance(fit_jointly(replace(experiment, runs=tuple(runs)))) is None
+
+
 @pytest.mark.slow
 def test_a_few_seconds_do_not_hide_a_load_on_a_string():
     experiment = withstood(sound(0), on_a_string(4.0, 0.9))

@@ -247,7 +247,8 @@ def _hums(asked: Sequence[_Asked], frequency: float, test: _Test, duration: floa
     follows = _explained(asked, [rows @ test.pull[:, None] for rows in by_motion])
     reach = np.linspace(-_LINES, _LINES, _HUMS) / duration
     return any(
-        _explained(asked, [each.by_itself(own, 0.0) for each in asked]) > follows
+        # In every stretch from where it is in its beginning.
+        sum(_explained([each], [each.by_itself(own, 0.0)]) for each in asked) > follows
         for own in frequency + reach
     )
 
@@ -369,7 +370,7 @@ def _fall(asked: Sequence[_Asked], frequency: float, rows: Sequence[Array]) -> _
         ]
         own = [beside(base, one) for base, one in zip(free, own, strict=True)]
     normal, right = _normal(asked, own)
-    if asked[0].kind.name != "bends":
+    if not asked[0].kind.is_stiff:
         pull = _solved(normal, right)
         return _Test(float(right @ pull), pull)
     # What pulls it along, as much as a part of the platform may: else it is no part of one.
