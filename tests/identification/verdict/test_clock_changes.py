@@ -95,7 +95,9 @@ def swinging(time):
 def test_readings_that_depart_by_a_delay_from_some_time_on_are_late(size):
     time = np.sort(np.random.default_rng(1).uniform(0, 20, 1500))
     late = swinging(time - size * (time > 11.4)) - swinging(time)
-    at, found, z = _step_of_delay(time, swinging(time), late + np.array([0.1, 0.0, -0.2]), 2.0, VERDICT)
+    at, found, z = _step_of_delay(
+        time, swinging(time), late + np.array([0.1, 0.0, -0.2]), 2.0, VERDICT
+    )
     assert at == pytest.approx(11.4, abs=0.3)
     assert found == pytest.approx(size, rel=0.05)
     assert z > 5
