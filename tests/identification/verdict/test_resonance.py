@@ -16,13 +16,11 @@ from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.verdict.assessment import reasons
 from steelyard.identification.verdict.force_stretch import force_stretches
 from steelyard.identification.verdict.resonance import (
-    _KINDS,
-    _Asked,
     _frequencies,
     _moved_body,
     resonance,
 )
-from steelyard.identification.verdict.responses import oscillator
+from steelyard.identification.verdict.responses import KINDS, AskedStretch, oscillator
 from steelyard.robot.kinematics import cables_at
 
 pytestmark = pytest.mark.integration
@@ -64,7 +62,7 @@ def on_a_string(mass, length):
 
 
 @pytest.mark.parametrize("duration", [12.0, 20.0, 60.0])
-@pytest.mark.parametrize("kind", _KINDS, ids=lambda kind: f"{kind.name} {kind.at_any_angle}")
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: f"{kind.name} {kind.at_any_angle}")
 def test_no_resonance_stands_between_two_frequencies(kind, duration):
     """With steps of 6 % and a damping ratio of .02 a load that swung at .58 Hz was not seen."""
     time = np.arange(0.0, duration, 0.01)
@@ -113,7 +111,7 @@ def test_a_mass_that_is_known_is_not_moved():
         known = replace(swinging, known={"mass": (TRUTH[0], sigma)})
         posterior = fit_jointly(known)
         (stretch,) = force_stretches(posterior)
-        asked = [_Asked.of(stretch, _KINDS[0], TRUTH[0])]
+        asked = [AskedStretch.of(stretch, KINDS[0], TRUTH[0])]
         pull = np.array([-4.0, *(-4.0 * AT)])
         moved[sigma] = _moved_body(posterior, asked, 0.64, pull)
     assert abs(moved[10.0][0]) > 0.01

@@ -2,7 +2,7 @@
 
 What else changes in a recording (a sensor that slips, an offset that jumps) departs from the motion by
 as much throughout, and coloured noise carries it. A clock that was set departs by the speed of the
-platform times its step, and fits settle on a motion between both.
+platform times its step, and fits settle on a motion between both, or coloured noise carries that, too.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.estimates.quantiles import normal_exceeded
+from steelyard.identification.model.balance import UNMODELLED_PARTS
 from steelyard.identification.model.calibration_parameters import (
     CalibrationParameter,
     clock_of,
     instruments_of,
+    shares_clock,
 )
-from steelyard.identification.solve.misfits.disturbances import disturbed_readings, unstated_along
+from steelyard.identification.solve.misfits.along_segments import disturbed_readings, unstated_along
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.directed_tests import length_of, pulled_by_priors
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
@@ -31,8 +33,8 @@ _STEP = 0.25
 _RATE = 0.05
 """Before and after an instant, whose difference is a rate [s]."""
 _MOSTLY = 0.8
-"""Part of coloured noise that a change of a delay explains where it is none: .02 of what other devices
-drift and jump by."""
+"""Part of coloured noise that a change of a delay explains where it stands for one: .04 and .01 where a
+tracker was reacquired and a gyro walked."""
 _FEWEST = 6.0
 """Independent numbers of coloured noise, of which two explain so much by chance only."""
 
@@ -73,16 +75,12 @@ def set_clocks(posterior: Posterior, settings: VerdictSettings = VERDICT) -> Ite
     """The likeliest change of a delay in each run, where one is seen."""
     tests = delay_changes(posterior, settings)
     limit = float(normal_exceeded(settings.family / max(1, len(tests)) / 2))
+    surely = [test for test in tests if abs(test.z) > limit]
     seen: dict[str, list[ClockChange]] = {}
-    for test in tests:
+    for test in (*surely, *disturbing_changes(posterior, settings)):
         least = settings.slipped_by if test.within_clock else settings.set_by
-        counts = test.shift > settings.matters or abs(test.size) > least
-        if abs(test.z) > limit and counts:
+        if test.shift > settings.matters or abs(test.size) > least:
             seen.setdefault(test.run, []).append(test)
-    for change in disturbing_changes(posterior, settings):
-        least = settings.slipped_by if change.within_clock else settings.set_by
-        if abs(change.size) > least:
-            seen.setdefault(change.run, []).append(change)
     for changes in seen.values():
         # Two clocks tell each other's change: it is more likely that of the one that fewer read.
         yield max(changes, key=lambda each: (round(abs(each.z), 1), -len(each.owners)))
@@ -183,12 +181,10 @@ def disturbing_changes(
     for segment in posterior.fit.state.segments:
         for process, _ in unstated_along(segment):
             name = process.disturbs[0]
-            if name not in experiment.instruments or experiment.instruments[name].is_force:
+            if process.source in UNMODELLED_PARTS or experiment.instruments[name].is_force:
                 continue
-            clock = clock_of(experiment, name)
-            delay = posterior.calibration.delay(clock, segment.run)
-            streams = next(run for run in experiment.runs if run.name == segment.run).streams
-            shared = any(each != name and clock_of(experiment, each) == clock for each in streams)
+            delay = posterior.calibration.delay(clock_of(experiment, name), segment.run)
+            shared = shares_clock(experiment, name)
             for _, time, read, departs in disturbed_readings(segment, process):
                 found = _step_of_delay(time, read - departs, departs, process.time, settings)
                 if found is not None:

@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from steelyard.arrays import Array
-from steelyard.dynamics import AT_A_POINT, FLEXIBILITY, bending_regressor
+from steelyard.dynamics import AT_A_POINT, FLEXIBILITY
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.estimates.quantiles import chi2_tail
 from steelyard.identification.known_body import known_body
@@ -26,17 +26,13 @@ from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.directed_tests import length_of
 from steelyard.identification.verdict.force_stretch import (
     INDEPENDENT,
-    STEP,
-    ForceStretch,
     beside,
     force_stretches,
-    innovations,
     orthonormal,
 )
-from steelyard.identification.verdict.responses import oscillator, pendulums
+from steelyard.identification.verdict.responses import KINDS, AskedStretch, Kind
 from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.inertia import TEN
-from steelyard.robot.model import DIRECTIONS
 
 _PERIODS = 2.0
 """Of a resonance that is looked for, within a stretch."""
@@ -65,43 +61,6 @@ _ALONG = tuple(
 """Of what bends, the elements that tell how it follows the force along each axis, its own first."""
 _OF_AXES = tuple(axes for count in (1, 2, 3) for axes in combinations(range(3), count))
 """Axes along which it may bend."""
-_PULLED = np.stack(
-    [
-        np.eye(DIRECTIONS)[:, :3],
-        *(np.vstack([np.zeros((3, 3)), np.cross(axis, np.eye(3)).T]) for axis in np.eye(3)),
-    ],
-    axis=1,
-)
-"""Wrenches that a pull makes, of a kilogramme and of a kilogramme a metre away along each axis, as linear
-functions of it, platform frame, shape (6, 4, 3)."""
-
-
-class _Kind(NamedTuple):
-    """What moves against the platform."""
-
-    name: Literal["swings", "bends"]
-    lowest: float
-    highest: float
-    """Frequencies that are looked for [Hz]."""
-    damping: tuple[float, ...]
-    """Ratios, the widest line last."""
-    at_any_angle: bool = False
-    """Whether it swings as far as it does, in place of small swings."""
-
-    @property
-    def is_stiff(self) -> bool:
-        """Whether platforms on their cables vibrate at such frequencies themselves."""
-        return self.name == "bends"
-
-
-_KINDS = (
-    # On strings of some metres to some centimetres, or a liquid: level, in the world.
-    _Kind("swings", 0.25, 3.2, (0.005, 0.02)),
-    # The same, so far that it takes longer, pulls downwards twice in a period, and has no line.
-    _Kind("swings", 0.25, 3.2, (0.005, 0.02), at_any_angle=True),
-    # On something elastic, along the axes of the platform, whose weight it feels too.
-    _Kind("bends", 1.5, 14.0, (0.01, 0.03)),
-)
 
 
 @dataclass(frozen=True)
@@ -151,7 +110,7 @@ def _resonance(found: Posterior, settings: VerdictSettings) -> Resonance | None:
     whole = float(found.fit.state.parameters[0])
     duration = max(each.duration for each in stretches)
     best: tuple[float, Resonance] | None = None
-    for kind in _KINDS:
+    for kind in KINDS:
         lowest = max(kind.lowest, _PERIODS / duration)
         if lowest >= kind.highest:
             continue
@@ -159,7 +118,7 @@ def _resonance(found: Posterior, settings: VerdictSettings) -> Resonance | None:
             # What pulls so far has left an unmodelled wrench.
             continue
         frequencies = _frequencies(kind, lowest, duration)
-        begun = [_Asked.of(each, kind, whole) for each in stretches]
+        begun = [AskedStretch.of(each, kind, whole) for each in stretches]
         asked, likeliest, test = _likeliest(begun, frequencies)
         trials = len(frequencies) * len(kind.damping)
         if not _is_resonance(test, asked, likeliest, trials, duration):
@@ -172,7 +131,7 @@ def _resonance(found: Posterior, settings: VerdictSettings) -> Resonance | None:
     return None if best is None else best[1]
 
 
-def _frequencies(kind: _Kind, lowest: float, duration: float) -> Array:
+def _frequencies(kind: Kind, lowest: float, duration: float) -> Array:
     """Those that are asked for [Hz], shape (f,): a line is as wide as the damping makes it, and no
     narrower than the stretch resolves.
 
@@ -203,8 +162,8 @@ class _Test(NamedTuple):
 
 
 def _likeliest(
-    begun: Sequence[_Asked], frequencies: Array
-) -> tuple[Sequence[_Asked], float, _Test]:
+    begun: Sequence[AskedStretch], frequencies: Array
+) -> tuple[Sequence[AskedStretch], float, _Test]:
     """Where the cost falls most: with which damping, at which frequency, and what is found there.
 
     Args:
@@ -215,7 +174,7 @@ def _likeliest(
     around = np.linspace(
         frequencies[max(best - 1, 0)], frequencies[min(best + 1, len(frequencies) - 1)], _NEAR
     )
-    found: tuple[Sequence[_Asked], float, _Test] | None = None
+    found: tuple[Sequence[AskedStretch], float, _Test] | None = None
     for damping in begun[0].kind.damping:
         asked = [replace(each, damping=damping) for each in begun]
         for frequency, test in zip(around, _tested(asked, around), strict=True):
@@ -226,7 +185,7 @@ def _likeliest(
 
 
 def _is_resonance(
-    test: _Test, asked: Sequence[_Asked], frequency: float, trials: int, duration: float
+    test: _Test, asked: Sequence[AskedStretch], frequency: float, trials: int, duration: float
 ) -> bool:
     """Whether it is surely there, and at no other frequency."""
     if float(chi2_tail(test.fall, len(test.pull))) * trials > _CHANCE:
@@ -239,7 +198,7 @@ def _is_resonance(
     return not (asked[0].kind.is_stiff and _hums(asked, frequency, test, duration))
 
 
-def _hums(asked: Sequence[_Asked], frequency: float, test: _Test, duration: float) -> bool:
+def _hums(asked: Sequence[AskedStretch], frequency: float, test: _Test, duration: float) -> bool:
     """Whether what keeps on vibrating, whatever the motion is, explains more than what follows it: forces
     that hum are no part that moves.
     """
@@ -253,114 +212,21 @@ def _hums(asked: Sequence[_Asked], frequency: float, test: _Test, duration: floa
     )
 
 
-def _explained(asked: Sequence[_Asked], rows: Sequence[Array]) -> float:
+def _explained(asked: Sequence[AskedStretch], rows: Sequence[Array]) -> float:
     """By how much the cost falls with columns beside the body."""
     own = [beside(each.stretch.base, one) for each, one in zip(asked, rows, strict=True)]
     normal, right = _normal(asked, own)
     return float(right @ _solved(normal, right))
 
 
-@dataclass(frozen=True, eq=False)
-class _Asked:
-    """A stretch that is asked for one kind: what does not depend on the frequency is there once."""
-
-    stretch: ForceStretch
-    kind: _Kind
-    damping: float
-    """Ratio."""
-    whole: float
-    """Mass of platform and load [kg]."""
-    white: Array
-    """The whitener in units of the scatter, shape (n, 6, 6)."""
-    by_pull: tuple[Array, ...]
-    """How the whitened balance follows each component of a pull, shape (n, 6, c) each: of a kilogramme
-    and of a kilogramme a metre away; empty of what bends."""
-
-    @classmethod
-    def of(cls, stretch: ForceStretch, kind: _Kind, whole: float) -> _Asked:
-        """Of one kind."""
-        white = stretch.whitener / stretch.scatter
-        if kind.name == "bends":
-            return cls(stretch, kind, kind.damping[-1], whole, white, ())
-        by_pull = tuple(white @ each for each in np.moveaxis(_PULLED, 2, 0))
-        return cls(stretch, kind, kind.damping[-1], whole, white, by_pull)
-
-    def rows(self, frequencies: Array) -> Iterator[Array]:
-        """Columns of the balance as the residual is, one after the other, shape (6 n - 6, c) each.
-
-        Args:
-            frequencies: At which it moves [Hz], shape (f,).
-        """
-        stretch = self.stretch
-        if self.kind.name == "bends":
-            for bent in self._bent(frequencies):
-                yield innovations(self.white @ bent, stretch.use, stretch.kept)
-            return
-        for pull in self._pulls(frequencies):
-            white, *others = (
-                own * p[:, None, None] for own, p in zip(self.by_pull, pull.T, strict=True)
-            )
-            for each in others:
-                white += each
-            yield innovations(white, stretch.use, stretch.kept)
-
-    def _bent(self, frequencies: Array) -> Iterator[Array]:
-        """Wrench that the cables exert where a part follows the motion behind springs, at each frequency,
-        by the elements of its matrix, shape (n, 6, c) each.
-        """
-        stretch = self.stretch
-        for each in 2 * np.pi * frequencies:
-            follows = -self._behind(stretch.felt, each)
-            rate = np.gradient(follows, STEP, axis=0)
-            orders = (follows, rate, np.gradient(rate, STEP, axis=0))
-            felt = np.stack([stretch.at_samples(own) for own in orders])
-            yield bending_regressor(felt, stretch.omega)[:, :, AT_A_POINT]
-
-    def _behind(self, driven: Array, omega: float) -> Array:
-        """Pull of a kilogramme on a spring that begins as it would hang at rest."""
-        return np.asarray(oscillator(driven - driven[0], omega, self.damping, STEP) - driven[0])
-
-    def _pulls(self, frequencies: Array) -> Iterator[Array]:
-        """Of a kilogramme, platform frame [N], shape (n, 3) each."""
-        stretch, omega = self.stretch, 2 * np.pi * frequencies
-        if self.kind.at_any_angle:
-            # All of them at once: their steps in time are what takes long.
-            pulls = pendulums(stretch.acceleration, stretch.gravity, omega, self.damping, STEP)
-            for pull in pulls:
-                yield self._in_platform(pull)
-            return
-        level = stretch.level
-        for each in omega:
-            yield self._in_platform(self._behind(level, each))
-
-    def _in_platform(self, pull: Array) -> Array:
-        """At the samples and in the platform frame, from the instants and in the world frame."""
-        found = np.einsum("nji,nj->ni", self.stretch.rotation, self.stretch.at_samples(pull))
-        return np.asarray(found)
-
-    def by_itself(self, frequency: float, damping: float) -> Array:
-        """The same of what vibrates at a frequency whatever the motion is, as a wrench on the platform,
-        shape (6 n - 6, 12): it goes on from where it was in the beginning, which nobody knows.
-
-        Args:
-            frequency: [Hz]
-            damping: Ratio; 0: something keeps it up, as the mains do.
-        """
-        stretch, omega = self.stretch, 2 * np.pi * frequency
-        since = stretch.time - stretch.time[0]
-        waves = np.exp(-damping * omega * since) * (np.cos(omega * since), np.sin(omega * since))
-        white = np.concatenate([self.white * own[:, None, None] for own in waves], axis=2)
-        return innovations(white, stretch.use, stretch.kept)
-
-
-def _tested(asked: Sequence[_Asked], frequencies: Array) -> Iterator[_Test]:
+def _tested(asked: Sequence[AskedStretch], frequencies: Array) -> Iterator[_Test]:
     """A pull at one point of the platform, which is as unknown as its mass, at each frequency [Hz]."""
     together = zip(frequencies, *(each.rows(frequencies) for each in asked), strict=True)
     for frequency, *rows in together:
         yield _fall(asked, float(frequency), rows)
 
 
-def _fall(asked: Sequence[_Asked], frequency: float, rows: Sequence[Array]) -> _Test:
+def _fall(asked: Sequence[AskedStretch], frequency: float, rows: Sequence[Array]) -> _Test:
     """See :func:`_tested`, of the rows of every stretch at one frequency."""
     own = [beside(each.stretch.base, one) for each, one in zip(asked, rows, strict=True)]
     if asked[0].kind.is_stiff:
@@ -385,7 +251,7 @@ def _fall(asked: Sequence[_Asked], frequency: float, rows: Sequence[Array]) -> _
     return best
 
 
-def _normal(asked: Sequence[_Asked], own: Sequence[Array]) -> tuple[Array, Array]:
+def _normal(asked: Sequence[AskedStretch], own: Sequence[Array]) -> tuple[Array, Array]:
     """Normal equations of columns in all stretches, shapes (c, c) and (c,)."""
     normal = np.sum([one.T @ one for one in own], axis=0)
     over = [one.T @ each.stretch.over for each, one in zip(asked, own, strict=True)]
@@ -401,7 +267,9 @@ def _solved(normal: Array, right: Array) -> Array:
     return np.asarray(direction[:, told] @ along / scale)
 
 
-def _moved_body(found: Posterior, asked: Sequence[_Asked], frequency: float, pull: Array) -> Array:
+def _moved_body(
+    found: Posterior, asked: Sequence[AskedStretch], frequency: float, pull: Array
+) -> Array:
     """By how much the ten parameters of the body change with a pull, shape (10,), as far as what is
     known of them beforehand lets them.
     """

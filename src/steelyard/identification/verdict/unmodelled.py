@@ -12,7 +12,7 @@ from steelyard.arrays import Array
 from steelyard.identification.model.balance import UNMODELLED_PARTS, balance_of
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import Process
-from steelyard.identification.solve.misfits.disturbances import (
+from steelyard.identification.solve.misfits.along_segments import (
     disturbed_readings,
     every_along,
     root_mean_square,

@@ -28,6 +28,9 @@ from steelyard.identification.model.calibration_parameters.keys import element_o
 from steelyard.identification.model.calibration_parameters.of_instruments import (
     clock_of as clock_of,
 )
+from steelyard.identification.model.calibration_parameters.of_instruments import (
+    shares_clock as shares_clock,
+)
 from steelyard.identification.model.calibration_parameters.surroundings import (
     hose_keys as hose_keys,
 )

@@ -89,7 +89,7 @@ def errors_within_clocks(experiment: Experiment) -> Iterator[CalibrationParamete
     for name in dict.fromkeys(name for run in moving for name in run.streams):
         instrument = experiment.instruments[name]
         measures = instrument.is_measurement and not instrument.stands_in(experiment.robot.m)
-        if measures and _shares(experiment, name):
+        if measures and shares_clock(experiment, name):
             none, stated = np.zeros(1), instrument.calibration.delay is not None
             yield CalibrationParameter(name, LATENCY, None, "s", none, none, LATE, instead=stated)
 
@@ -107,10 +107,10 @@ def _is_of_clock(experiment: Experiment, name: str, term: Term) -> bool:
     """Whether it is a time constant that nothing tells from an error of the clock, since no motion
     is read by it.
     """
-    return term.key == TIME_CONSTANT and not _shares(experiment, name)
+    return term.key == TIME_CONSTANT and not shares_clock(experiment, name)
 
 
-def _shares(experiment: Experiment, name: str) -> bool:
+def shares_clock(experiment: Experiment, name: str) -> bool:
     """Whether another instrument that measures reads the clock of this one."""
     clock = clock_of(experiment, name)
     return any(

@@ -17,7 +17,8 @@ from steelyard.identification.solve.beginning.motion_task import motion_task, un
 from steelyard.identification.solve.beginning.readings import Readings, Tell
 from steelyard.identification.solve.fit_state import Fit, FitState, Task
 from steelyard.identification.solve.joint_fit import fit
-from steelyard.identification.solve.misfits.disturbances import too_large, with_disturbances
+from steelyard.identification.solve.misfits.along_segments import too_large
+from steelyard.identification.solve.misfits.disturbances import with_disturbances
 from steelyard.identification.solve.misfits.jitter import with_jitter, with_jitter_found
 from steelyard.identification.solve.misfits.lost_readings import without_lost
 from steelyard.identification.solve.misfits.slack_cables import SlackCables

@@ -194,6 +194,7 @@ def finer_explain(begun: Beginning, found: Fitted) -> bool:
     task, state = with_jitter(task, with_stated(task, begun.state))
     parts, tally = linearise(task, state)
     equations = smooth(state, [each.all for each in parts])
+    forces = scatter_of_forces(found, found.fit.ratios)
     felt = _felt(found) if _is_open(found) else {}
     for _ in range(task.settings.steps_to_explain):
         cost = tally.cost
@@ -201,8 +202,7 @@ def finer_explain(begun: Beginning, found: Fitted) -> bool:
         parts, tally = linearise(task, state)
         equations = smooth(state, [each.all for each in parts])
         after = ratios_of(task, spent_by(equations), tally)
-        own = _explained(found, scatter_of_forces(found, found.fit.ratios), after)
-        if own and (not felt or _explained(found, felt, after)):
+        if _explained(found, forces, after) and (not felt or _explained(found, felt, after)):
             return True
         if task.settings.hardly * cost < tally.cost < cost:
             break

@@ -9,7 +9,7 @@ others still ask for is looked at again. Where nothing is asked for, nothing cha
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ from steelyard.identification.model.balance import (
     Forces,
 )
 from steelyard.identification.model.calibration_parameters import ROBOT
-from steelyard.identification.model.motion_segment import Reading, Segment
+from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.process_levels import (
     ProcessLevel,
     ProcessLevels,
@@ -38,9 +38,6 @@ from steelyard.identification.solve.misfits.colours import Colour, colours
 from steelyard.identification.solve.newton_step import border_prior
 from steelyard.identification.solve.settings import FitSettings
 from steelyard.identification.solve.stated_processes import denied, size_of
-
-_INSTANTS = 500
-"""Along a segment, at which the size of its disturbances is looked at."""
 
 
 def with_disturbances(
@@ -85,57 +82,6 @@ def with_disturbances(
         found = found if settled is None else settled
         refused |= _processes_of(tried) - _processes_of(found.state)
     return found if found is first else fit(task, found.state)
-
-
-def every_along(segment: Segment) -> Iterator[tuple[Process, Array]]:
-    """Disturbances of a segment, and what they are at instants along it in SI units, shape (t, p) each."""
-    if segment.static:
-        return
-    local = segment.basis(np.linspace(*segment.span, _INSTANTS))
-    for each in segment.processes:
-        yield each, np.asarray(segment.disturbance(each, local))
-
-
-def unstated_along(segment: Segment) -> Iterator[tuple[Process, Array]]:
-    """Those that nobody has stated, see :func:`every_along`."""
-    return ((each, along) for each, along in every_along(segment) if not each.is_stated)
-
-
-def disturbed_readings(
-    segment: Segment, process: Process
-) -> Iterator[tuple[Reading, Array, Array, Array]]:
-    """What a process disturbs along its segment: a reading, its n times within it [s], its values there,
-    shape (n, k), and by how much these depart for the process, shape (n, k); nothing of rotations.
-    """
-    for reading in segment.readings:
-        if reading.source != process.disturbs or reading.values.ndim != 2:
-            continue
-        inside = segment.holds(reading.time) & np.isfinite(reading.values).all(axis=1)
-        time = reading.time[inside]
-        # Residuals are readings less what the motion has, and a disturbance is added to them.
-        departs = -np.asarray(segment.disturbance(process, segment.basis(time)))
-        yield reading, time, reading.values[inside], departs
-
-
-def root_mean_square(along: Array) -> Array:
-    """Of something along a segment, shape (p,).
-
-    Args:
-        along: At instants, shape (t, p).
-    """
-    return np.asarray(np.sqrt(np.mean(along**2, axis=0)))
-
-
-def too_large(task: Task, state: FitState) -> bool:
-    """Whether a motion instrument is disturbed by more than devices are: its description is wrong."""
-    for segment in state.segments:
-        for process, along in unstated_along(segment):
-            rms = root_mean_square(along)
-            owner, name = process.disturbs
-            unit = task.experiment.instruments[owner].quantity(name, task.experiment.robot.m).unit
-            if rms.max() > task.settings.largest_disturbance.get(unit, np.inf):
-                return True
-    return False
 
 
 def _tried(
