@@ -13,6 +13,7 @@ from places import PACKAGE, ROOT
 LAYERS = [
     {"errors"},
     {"arrays", "units", "digits", "display", "plugins"},
+    {"machine"},
     {"operations"},
     {"batch", "processes"},
     {"tables"},

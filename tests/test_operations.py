@@ -1,4 +1,4 @@
-"""Operations by NumPy against CasADi's own evaluation."""
+"""Operations by the machine against CasADi's own evaluation."""
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -6,8 +6,12 @@ from concurrent.futures import ThreadPoolExecutor
 import casadi as ca
 import numpy as np
 import pytest
+from llvmlite import binding
 
-from steelyard.operations import _AT_ONCE, _FUNCTIONS, Operations
+from steelyard import operations as operations_module
+from steelyard.batch import Batched
+from steelyard.machine import KNOWN, ROW, WIDTH, machine
+from steelyard.operations import Operations
 
 ROUNDING = 4 * np.finfo(float).eps
 ALONE = {
@@ -93,7 +97,7 @@ def test_every_operation_is_tested():
     for function in OF_TWO.values():
         codes |= codes_of(ca.Function("f", [x, y], [function(x, y)]))
     # Copies are of no expression: CasADi leaves them out.
-    assert set(_FUNCTIONS) - codes <= {ca.OP_ASSIGN}
+    assert set(KNOWN) - codes <= {ca.OP_ASSIGN}
 
 
 def codes_of(function):
@@ -109,7 +113,7 @@ def long_expression():
     return ca.Function("f", [x, A], [y, ca.vertcat(ca.sumsqr(y), 3.0, x[1])])
 
 
-@pytest.mark.parametrize("n", [1, 2, _AT_ONCE - 1, _AT_ONCE, _AT_ONCE + 1, 2500])
+@pytest.mark.parametrize("n", [1, 2, ROW - 1, ROW, ROW + 1, 2500])
 @pytest.mark.parametrize("constant", [False, True])
 def test_a_long_expression_is_casadis(n, constant):
     function, rng = long_expression(), np.random.default_rng(n)
@@ -147,7 +151,7 @@ def test_threads_and_processes_compute_the_same():
                 np.testing.assert_array_equal(found, own)
 
 
-def test_what_numpy_does_not_know_is_left_to_casadi():
+def test_what_the_machine_does_not_know_is_left_to_casadi():
     x = ca.SX.sym("x")
     assert Operations.of(ca.Function("f", [x], [ca.erf(x)])) is None
     m = ca.MX.sym("m")
@@ -158,3 +162,43 @@ def test_a_wrong_shape_is_refused():
     operations = Operations.of(long_expression())
     with pytest.raises(ValueError):
         carried_out(operations, np.zeros((5, 2)), np.zeros((5, 9)))
+
+
+def test_without_a_machine_casadi_computes_the_same(monkeypatch):
+    x, A = ca.SX.sym("x", 3), ca.SX.sym("A", 3, 3)
+    given = {"x": np.arange(3 * 2000.0).reshape(-1, 3) / 999, "A": np.eye(3) / 7}
+    expressions = {"y": ca.sin(A @ x) + ca.sqrt(ca.sumsqr(x)), "z": A @ A}
+
+    def found():
+        return Batched("f", {"x": x, "A": A}, expressions)(**given)
+
+    compiled = found()
+    monkeypatch.setattr(operations_module, "machine", lambda: None)
+    for name, each in found().items():
+        np.testing.assert_array_equal(each, compiled[name])
+
+
+def test_a_system_that_forbids_compiled_code_has_no_machine(monkeypatch):
+    def forbidden():
+        raise OSError("not permitted")
+
+    monkeypatch.setattr(binding, "check_jit_execution", forbidden)
+    assert machine.__wrapped__() is None
+
+
+@pytest.mark.parametrize("samples", [0, 1, 7, 8, 9, 127, 128])
+def test_the_machine_fills_the_columns_that_count(samples):
+    run = machine()
+    rows = np.full((3, ROW), 7.0)
+    rows[0] = np.arange(ROW)
+    # The second operation works on the row that it reads.
+    run(np.array([[ca.OP_ADD, 2, 0, 1], [ca.OP_MUL, 2, 2, 2]], dtype=np.int32), rows, samples)
+    computed = -(-samples // WIDTH) * WIDTH
+    np.testing.assert_array_equal(rows[2, :computed], (np.arange(computed) + 7.0) ** 2)
+    np.testing.assert_array_equal(rows[2, computed:], 7.0)
+
+
+def test_a_list_without_operations_changes_nothing():
+    rows = np.ones((2, ROW))
+    machine()(np.zeros((0, 4), dtype=np.int32), rows, ROW)
+    np.testing.assert_array_equal(rows, 1.0)

@@ -1,10 +1,11 @@
 """CasADi expressions evaluated over all samples at once.
 
 The physics is written once, symbolically. This module turns an expression into a function of NumPy
-arrays with time on axis 0. Many samples go through it one operation after the other
-(:mod:`.operations`), few of them sample by sample: through CasADi's buffer interface in blocks, whose
-memory stays with the function from call to call, since to say anew where these stand would take longer
-than to compute them.
+arrays with time on axis 0. Samples go through it one operation after the other
+(:mod:`.operations`) once there have been enough of them to make a list of these worth while, before
+that and alone sample by sample: through CasADi's buffer interface in blocks, whose memory stays with
+the function from call to call, since to say anew where these stand would take longer than to compute
+them.
 """
 
 from __future__ import annotations
@@ -27,10 +28,10 @@ Symbol: TypeAlias = Any
 
 _BLOCK = 16
 """Samples a call of CasADi: the last block computes less in vain than a large one."""
-_MANY = 160
-"""Samples from which on NumPy is faster, whatever the expression."""
+_MANY = 16
+"""Samples from which on :mod:`.operations` are faster, whatever the expression."""
 _WORTH = 1000
-"""Samples, over all calls of many, after which a list of operations has saved what it took to make."""
+"""Samples, over all calls of so many, after which a list of operations has saved what it took to make."""
 _KEPT = 1 << 19
 """Numbers of the last call that are remembered, at most: fit, verdict and conclusion look at one
 state in turn."""

@@ -95,7 +95,7 @@ try:
     main()
 except SystemExit:
     pass
-heavy = {"numpy", "scipy", "casadi", "polars", "pydantic", "ruamel.yaml", "clarabel"} & set(sys.modules)
+heavy = {"numpy", "scipy", "casadi", "polars", "pydantic", "ruamel.yaml", "clarabel", "llvmlite"} & set(sys.modules)
 sys.exit(f"imported {heavy}" if heavy else 0)
 """
 
