@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from steelyard.identification.verdict.responses import oscillator, pendulums
+from steelyard.dynamics import FLEXIBILITY
+from steelyard.identification.verdict.force_stretch import ForceStretch
+from steelyard.identification.verdict.responses import (
+    KINDS,
+    AskedStretch,
+    Bent,
+    oscillator,
+    pendulums,
+)
 
 STEP = 0.01  # [s]
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -71,3 +79,80 @@ def test_what_hangs_still_pulls_as_what_is_fixed():
     leaning = np.array([3.0, -4.0, -8.0])
     (found,) = pendulums(np.zeros((400, 3)), leaning, np.array([5.0]), 0.0, STEP)
     assert found == pytest.approx(np.zeros((400, 3)), abs=1e-9)
+
+
+def stretch_of(over):
+    """A stretch in which nothing is estimated, of forces as noisy as unity; what is left over is told."""
+    time, instants = np.arange(0.0, 20.0, 0.02), np.arange(0.0, 20.02, STEP)
+    waves = np.sin(2 * np.pi * np.array([0.3, 0.7, 1.1, 1.6, 2.0, 2.4]) * instants[:, None])
+    felt = waves @ np.random.default_rng(0).normal(size=(6, 6)) + [0, 0, 9.81, 0, 0, 0]
+    n = len(time)
+    return ForceStretch(
+        time=time,
+        duration=20.0,
+        instants=instants,
+        acceleration=np.zeros((len(instants), 3)),
+        gravity=np.array([0, 0, -9.81]),
+        felt=felt,
+        omega=np.zeros((n, 3)),
+        rotation=np.tile(np.eye(3), (n, 1, 1)),
+        whitener=np.tile(np.eye(6), (n, 1, 1)),
+        use=np.ones(n, dtype=bool),
+        kept=0.0,
+        base=np.zeros((6 * n - 6, 0)),
+        by_body=np.zeros((6 * n - 6, 10)),
+        over=over,
+        scatter=1.0,
+        is_disturbed=False,
+    )
+
+
+BENDS = next(each for each in KINDS if each.is_stiff)
+MATRIX = np.array([float(i == j) for i, j in FLEXIBILITY])
+
+
+def bent_by(frequency, rng):
+    """What bends at a frequency, of which the estimate knows how it does so at once."""
+    silent = stretch_of(np.zeros(6 * 1000 - 6))
+    asked = AskedStretch.of(silent, BENDS, 10.0)
+    more = asked.whitened(((asked.bent(frequency) - asked.bent(np.inf)) @ MATRIX)[:, :, None])
+    over = more[:, 0] / more.std() + rng.normal(size=len(more))
+    seen = AskedStretch.of(stretch_of(over), BENDS, 10.0)
+    return Bent.of([seen], MATRIX), float(more.std())
+
+
+@pytest.mark.parametrize("frequency", [5.0, 7.0, 11.0])
+def test_what_bends_answers_at_its_own_frequency(frequency):
+    bent, size = bent_by(frequency, np.random.default_rng(1))
+    tests = {each: bent.tested(each) for each in (3.0, 5.0, 7.0, 11.0)}
+    assert max(tests, key=lambda each: tests[each].fall) == frequency
+    # What looks like more of the same at once has moved the matrix.
+    expected = 1 / size
+    assert tests[frequency].pull[0] == pytest.approx(expected, rel=0.5)
+
+
+def test_noise_bends_by_chance():
+    chances, falls = [], []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        asked = AskedStretch.of(stretch_of(rng.normal(size=6 * 1000 - 6)), BENDS, 10.0)
+        bent = Bent.of([asked], MATRIX)
+        chances.append(bent.chance)
+        falls.append(bent.tested(7.0).fall)
+    assert 0.3 < np.mean(chances) < 0.7
+    # A negative share, every other one, counts for nothing.
+    assert np.mean(falls) == pytest.approx(0.5, abs=0.35)
+
+
+def test_springs_that_are_stiff_follow_at_once():
+    asked = AskedStretch.of(stretch_of(np.zeros(6 * 1000 - 6)), BENDS, 10.0)
+    at_once = asked.bent(np.inf)
+    # Once what they have begun with has died away.
+    late = asked.stretch.time > 8.0
+    apart = [
+        np.sqrt(np.mean((asked.bent(each) - at_once)[late] ** 2) / np.mean(at_once[late] ** 2))
+        for each in (7.0, 14.0, 20.0)
+    ]
+    # They answer more by the square of the frequency of the motion over their own.
+    assert apart[0] > 3 * apart[1] > 4 * apart[2]
+    assert apart[1] < 0.06

@@ -135,7 +135,9 @@ class JointMotion:
         experiment = centred(experiment)
         found = fit_that_arrives(experiment, progress, settings=self.settings)
         moving = resonance(found, self.verdict)
-        if moving is None or moving.name != "bends" or follows(found.fit.state, moving.frequency):
+        if moving is None or moving.name != "bends" or moving.frequency is None:
+            return found
+        if follows(found.fit.state, moving.frequency):
             return found
         closer = fit_that_arrives(
             experiment, progress, settings=self.settings, vibrating=moving.frequency

@@ -1,10 +1,11 @@
 """How what moves against the platform pulls at it: an oscillator, or a load on a string; and what the
-balance of forces along a stretch makes of that, for each kind of thing that is looked for.
+balance of forces along a stretch makes of that, for each kind of thing that is looked for, and score tests
+of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -13,7 +14,15 @@ from scipy.linalg.lapack import dtbtrs
 
 from steelyard.arrays import Array
 from steelyard.dynamics import AT_A_POINT, bending_regressor
-from steelyard.identification.verdict.force_stretch import STEP, ForceStretch, innovations
+from steelyard.estimates.quantiles import chi2_tail
+from steelyard.identification.verdict.force_stretch import (
+    INDEPENDENT,
+    STEP,
+    ForceStretch,
+    beside,
+    innovations,
+    orthonormal,
+)
 from steelyard.robot.model import DIRECTIONS
 
 _PULLED = np.stack(
@@ -87,10 +96,9 @@ class AskedStretch:
         Args:
             frequencies: At which it moves [Hz], shape (f,).
         """
-        stretch = self.stretch
-        if self.kind.name == "bends":
-            for bent in self._bent(frequencies):
-                yield innovations(self.white @ bent, stretch.use, stretch.kept)
+        if self.kind.is_stiff:
+            for each in frequencies:
+                yield self.whitened(self.bent(float(each))[:, :, AT_A_POINT])
             return
         for pull in self._pulls(frequencies):
             white, *others = (
@@ -98,19 +106,26 @@ class AskedStretch:
             )
             for each in others:
                 white += each
-            yield innovations(white, stretch.use, stretch.kept)
+            yield innovations(white, self.stretch.use, self.stretch.kept)
 
-    def _bent(self, frequencies: Array) -> Iterator[Array]:
-        """Wrench that the cables exert where a part follows the motion behind springs, at each frequency,
-        by the elements of its matrix, shape (n, 6, c) each.
+    def whitened(self, wrenches: Array) -> Array:
+        """Columns of the balance as the residual is, shape (6 n - 6, c), from wrenches (n, 6, c)."""
+        return innovations(self.white @ wrenches, self.stretch.use, self.stretch.kept)
+
+    def bent(self, frequency: float) -> Array:
+        """Wrench that the cables exert where a part follows the motion behind springs, by the 21 elements of
+        its matrix, shape (n, 6, 21), see :func:`.bending_regressor`.
+
+        Args:
+            frequency: [Hz]; infinite: it follows at once, as what bends far above the motion does.
         """
         stretch = self.stretch
-        for each in 2 * np.pi * frequencies:
-            follows = -self._behind(stretch.felt, each)
-            rate = np.gradient(follows, STEP, axis=0)
-            orders = (follows, rate, np.gradient(rate, STEP, axis=0))
-            felt = np.stack([stretch.at_samples(own) for own in orders])
-            yield bending_regressor(felt, stretch.omega)[:, :, AT_A_POINT]
+        stiff = np.isinf(frequency)
+        follows = stretch.felt if stiff else -self._behind(stretch.felt, 2 * np.pi * frequency)
+        rate = np.gradient(follows, STEP, axis=0)
+        orders = (follows, rate, np.gradient(rate, STEP, axis=0))
+        felt = np.stack([stretch.at_samples(own) for own in orders])
+        return bending_regressor(felt, stretch.omega)
 
     def _behind(self, driven: Array, omega: float) -> Array:
         """Pull of a kilogramme on a spring that begins as it would hang at rest."""
@@ -222,3 +237,85 @@ def pendulums(
         place *= np.sqrt(square / np.sum(place**2, axis=1))[:, None]
         speed -= place * (np.sum(place * speed, axis=1) / square)[:, None]
     return found
+
+
+class ScoreTest(NamedTuple):
+    """A pull that follows the acceleration, in all stretches."""
+
+    fall: float
+    """Decrease of the cost, chi-square where there is none."""
+    pull: Array
+    """Its size, shape (c,): mass, and mass times place; of what bends elements of its matrix."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bent:
+    """What bends in all stretches, as far as it does so at once.
+
+    Searches for parts that nothing is known of have nine numbers at every frequency. Here is one: how much
+    more than at once the same matrix answers there.
+    """
+
+    asked: Sequence[AskedStretch]
+    at_once: Sequence[Array]
+    """Wrench by the elements of the matrix, shape (n, 6, 21) each."""
+    columns: Sequence[Array]
+    """The same as the residual is, shape (6 n - 6, 21) each."""
+    bases: Sequence[Array]
+    """Orthonormal columns of these beside the body."""
+    estimated: Array
+    """Elements of the matrix that the estimate has, shape (21,)."""
+    further: Array
+    """What the residual asks for beyond them, shape (21,)."""
+    chance: float
+    """Probability of that."""
+
+    @classmethod
+    def of(cls, asked: Sequence[AskedStretch], estimated: Array) -> Bent:
+        """As the residual has it beyond what is estimated already."""
+        at_once = [each.bent(np.inf) for each in asked]
+        columns = [each.whitened(own) for each, own in zip(asked, at_once, strict=True)]
+        free = [beside(each.stretch.base, own) for each, own in zip(asked, columns, strict=True)]
+        normal, right = normal_equations(asked, free)
+        further = solution(normal, right)
+        chance = float(chi2_tail(float(right @ further), len(right)))
+        bases = [orthonormal(own) for own in free]
+        return cls(asked, at_once, columns, bases, estimated, further, chance)
+
+    def more(self, frequency: float) -> list[Array]:
+        """What it answers more on springs of a frequency [Hz], in every stretch, shape (6 n - 6, 1)."""
+        matrix = self.estimated + self.further
+        return [
+            each.whitened(((each.bent(frequency) - own) @ matrix)[:, :, None])
+            for each, own in zip(self.asked, self.at_once, strict=True)
+        ]
+
+    def tested(self, frequency: float) -> ScoreTest:
+        """How surely it does, as a share of that: less than at once is no answer of a part. What merely
+        goes on vibrating there tells nothing.
+        """
+        found = []
+        for each, base, rows in zip(self.asked, self.bases, self.more(frequency), strict=True):
+            free = each.by_itself(frequency, each.damping)
+            for own in (each.stretch.base, base):
+                free, rows = beside(own, free), beside(own, rows)
+            found.append(beside(orthonormal(free), rows))
+        normal, right = normal_equations(self.asked, found)
+        share = solution(normal, right)
+        return ScoreTest(float(right @ share) if share[0] > 0 else 0.0, share)
+
+
+def normal_equations(asked: Sequence[AskedStretch], own: Sequence[Array]) -> tuple[Array, Array]:
+    """Normal equations of columns in all stretches, shapes (c, c) and (c,)."""
+    normal = np.sum([one.T @ one for one in own], axis=0)
+    over = [one.T @ each.stretch.over for each, one in zip(asked, own, strict=True)]
+    return np.asarray(normal), np.sum(over, axis=0)
+
+
+def solution(normal: Array, right: Array) -> Array:
+    """Solution of normal equations as far as they are independent, shape (c,)."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    size, direction = np.linalg.eigh(normal / np.outer(scale, scale))
+    told = np.abs(size) > INDEPENDENT * np.abs(size).max()
+    along = direction[:, told].T @ (right / scale) / size[told]
+    return np.asarray(direction[:, told] @ along / scale)
