@@ -12,7 +12,7 @@ This is Eq. (1) of [Tempel2017]_ with gravity on the left and the sign of its lo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 
 import casadi as ca
@@ -32,6 +32,8 @@ FLEXIBILITY = (
     *((3 + i, 3 + j) for i, j in _SYMMETRIC),
 )
 """Rows and columns of the elements of a matrix of residual flexibility, in their order."""
+EVERY_ELEMENT = tuple(range(len(FLEXIBILITY)))
+"""All of them."""
 AT_A_POINT = tuple(
     column
     for column, (i, j) in enumerate(FLEXIBILITY)
@@ -115,7 +117,7 @@ def specific_force_at(
     return found["force"], found["by_point"]
 
 
-def bending_regressor(felt: Array, omega: Array) -> Array:
+def bending_regressor(felt: Array, omega: Array, elements: Sequence[int] = EVERY_ELEMENT) -> Array:
     r"""Regressor of what the cables exert beyond a rigid body where parts of the platform bend, in P.
 
     A part on springs whose own frequencies :math:`\omega_k` lie above the motion stands off by
@@ -133,23 +135,28 @@ def bending_regressor(felt: Array, omega: Array) -> Array:
         felt: Specific force of the platform origin [m/s^2] over angular acceleration [rad/s^2] and their
             first two derivatives by time, in P, shape (3, n, 6).
         omega: Angular velocity, in P [rad/s], shape (n, 3).
+        elements: Which of the 21 elements of K are asked for.
 
     Returns:
-        Shape (n, 6, 21), by the elements of K: xx, yy, zz, yz, xz, xy of its first block [kg s^2], all
+        Shape (n, 6, k), by these elements of K, of which all are: xx, yy, zz, yz, xz, xy of its first block [kg s^2], all
         nine of the block beside that, row by row [kg m s^2], and six of its last one [kg m^2 s^2].
     """
-    y, rate, change = felt
+    y, rate, change = np.ascontiguousarray(np.swapaxes(felt, 1, 2))
     turning = cross_matrices(omega)
-    # How force and torque follow the first moment and its derivatives.
-    followed = np.zeros((len(y), 6, 6, 6))
-    of_force = np.einsum("nij,nk->nijk", cross_matrices(y[:, 3:]) + turning @ turning, y)
-    of_force += np.einsum("nij,nk->nijk", 2 * turning, rate)
-    of_force += np.einsum("ij,nk->nijk", np.eye(3), change)
-    followed[:, :3, :3] = -of_force
-    followed[:, 3:, :3] = np.einsum("nij,nk->nijk", cross_matrices(y[:, :3]), y)
-    followed[:, 3:, 3:] = -np.einsum("ij,nk->nijk", np.eye(3), change)
-    i, j = np.array(FLEXIBILITY).T
-    return np.asarray(followed[:, :, i, j] + np.where(i == j, 0.0, 1.0) * followed[:, :, j, i])
+    # How force and torque follow the first moment and its rate, samples last.
+    by_moment, by_rate = np.zeros((6, 3, len(omega))), np.zeros((3, 3, len(omega)))
+    by_moment[:3] = np.moveaxis(cross_matrices(felt[0, :, 3:]) + turning @ turning, 0, 2)
+    by_moment[3:] = -np.moveaxis(cross_matrices(felt[0, :, :3]), 0, 2)
+    by_rate[:] = np.moveaxis(2 * turning, 0, 2)
+    found = np.zeros((len(elements), 6, len(omega)))
+    for own, element in zip(found, elements, strict=True):
+        row, column = FLEXIBILITY[element]
+        for i, j in ((row, column), (column, row))[: 1 + (row != column)]:
+            if i < 3:
+                own -= by_moment[:, i] * y[j]
+                own[:3] -= by_rate[:, i] * rate[j]
+            own[i] -= change[j]
+    return np.ascontiguousarray(np.moveaxis(found, 2, 0).swapaxes(1, 2))
 
 
 @cache

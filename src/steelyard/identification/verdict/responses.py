@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
 from steelyard.arrays import Array
-from steelyard.dynamics import AT_A_POINT, bending_regressor
+from steelyard.dynamics import AT_A_POINT, EVERY_ELEMENT, bending_regressor
 from steelyard.estimates.quantiles import chi2_tail
 from steelyard.identification.verdict.force_stretch import (
     INDEPENDENT,
@@ -98,7 +98,7 @@ class AskedStretch:
         """
         if self.kind.is_stiff:
             for each in frequencies:
-                yield self.whitened(self.bent(float(each))[:, :, AT_A_POINT])
+                yield self.whitened(self.bent(float(each), AT_A_POINT))
             return
         for pull in self._pulls(frequencies):
             white, *others = (
@@ -112,12 +112,13 @@ class AskedStretch:
         """Columns of the balance as the residual is, shape (6 n - 6, c), from wrenches (n, 6, c)."""
         return innovations(self.white @ wrenches, self.stretch.use, self.stretch.kept)
 
-    def bent(self, frequency: float) -> Array:
-        """Wrench that the cables exert where a part follows the motion behind springs, by the 21 elements of
-        its matrix, shape (n, 6, 21), see :func:`.bending_regressor`.
+    def bent(self, frequency: float, elements: Sequence[int] = EVERY_ELEMENT) -> Array:
+        """Wrench that the cables exert where a part follows the motion behind springs, by elements of its
+        matrix, shape (n, 6, k), see :func:`.bending_regressor`.
 
         Args:
             frequency: [Hz]; infinite: it follows at once, as what bends far above the motion does.
+            elements: Which are asked for.
         """
         stretch = self.stretch
         stiff = np.isinf(frequency)
@@ -125,7 +126,7 @@ class AskedStretch:
         rate = np.gradient(follows, STEP, axis=0)
         orders = (follows, rate, np.gradient(rate, STEP, axis=0))
         felt = np.stack([stretch.at_samples(own) for own in orders])
-        return bending_regressor(felt, stretch.omega)
+        return bending_regressor(felt, stretch.omega, elements)
 
     def _behind(self, driven: Array, omega: float) -> Array:
         """Pull of a kilogramme on a spring that begins as it would hang at rest."""
