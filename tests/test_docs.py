@@ -335,6 +335,7 @@ def test_troubleshooting_quotes_what_the_program_says():
                     assert piece in source, piece
 
 
+@pytest.mark.integration
 def test_the_gallery_shows_what_the_build_makes():
     import gallery
 

@@ -209,6 +209,7 @@ def tilting(t):
     return turn(t).inv().apply(acceleration - GRAVITY), omega(t), alpha
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("place", "left_out"), [(np.zeros(3), 0.02), (np.array([0.3, -0.2, 0.8]), 0.06)]
 )

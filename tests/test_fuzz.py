@@ -15,6 +15,7 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("files")
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("name", TARGETS)
 def test_sound_files_are_read(folder, name):
     for path, content in sound_files(name, folder).items():

@@ -46,6 +46,7 @@ def test_a_convolution_is_the_sum_of_shifted_products(n, m, rng):
     np.testing.assert_allclose(convolved(one, other), fftconvolve(one, other, axes=0), atol=1e-10)
 
 
+@pytest.mark.integration
 def test_to_identify_and_report_needs_no_module_of_signals():
     # Which takes longer to import than all that is computed.
     code = (

@@ -127,6 +127,7 @@ def test_two_methods_agree_and_the_result_is_a_body(seed, settings):
         assert np.linalg.eigvalsh(W)[0] > problem.margin * (1 - 1e-6) - 1e-12 * np.abs(W).max()
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("seed", [0, 1, 2, 4, 5, 6])
 def test_the_optimum_is_that_of_scipy_on_a_plain_factor(seed):
     problem, _, points = random_problem(np.random.default_rng(seed), spread=0.5, step=2.0)

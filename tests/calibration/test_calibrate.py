@@ -81,6 +81,7 @@ def test_a_row_that_is_wrong_is_named_and_left_out():
     assert off @ np.linalg.solve(found.covariance, off) / len(off) < 1.7
 
 
+@pytest.mark.integration
 def test_a_pose_that_was_typed_wrong_is_named():
     experiment, true = recorded()
     found = calibrate(_with(experiment, "tracker", "position", _typed_wrong))
@@ -216,6 +217,7 @@ def _point_on_four_lines(seed, order=(0, 1, 2, 3)):
     )
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("order", [(1, 0, 2, 3), (0, 2, 1, 3), (3, 1, 2, 0), (1, 2, 0, 3)])
 def test_cables_in_another_order_are_no_noise_of_few_places(order):
     # Nine places are few of 44 rows: leaving four of them out is no correction of rows, and places
@@ -293,6 +295,7 @@ def test_leaving_out_a_pose_is_a_fit_without_it():
     np.testing.assert_allclose(there.residual[11], expected.residual[11], atol=0.05 * NOISE)
 
 
+@pytest.mark.integration
 def test_a_robot_that_was_calibrated_is_read_with_its_covariance(tmp_path):
     experiment, true = recorded()
     found = calibrate(experiment)
@@ -314,6 +317,7 @@ def test_a_robot_that_was_calibrated_is_read_with_its_covariance(tmp_path):
     assert true.m == copied.robot.m
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -387,6 +387,7 @@ class TestHeld:
         assert kept["setpoints"] is setpoints
         assert not faults
 
+    @pytest.mark.integration
     def test_identify_says_what_it_has_left_out(self, tmp_path, run):
         path = write_small(tmp_path)
         log = tmp_path / RUN / "cables.csv"

@@ -530,6 +530,7 @@ def test_rollers_at_rest_hold_nothing_in_the_mean():
 # What it remembers
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("start", [0.0, -0.8, 0.5])
 @pytest.mark.parametrize("presliding", [0.0005, 0.003, 0.02])
 def test_friction_builds_up_as_dahl_has_it(presliding, start):

@@ -1433,6 +1433,7 @@ def test_hostile_bags(tmp_path, compression, size, packed, sentence):
     assert sentence in hostile(tmp_path / "a.bag", "a")
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("script", "sentence"),
     [

@@ -60,6 +60,7 @@ def test_a_platform_that_swings_agrees_with_mujoco(count):
     assert_as_in_mujoco(robot, response, 0.1, (1, 2) if count == 2 else (0, 1, 2))
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("count", [3, 4])
 def test_a_motion_that_was_made_on_few_cables_comes_out_again(count):
     robot = few_cables(count)

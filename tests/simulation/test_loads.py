@@ -130,6 +130,7 @@ def test_a_mistake_is_said_with_its_place(tmp_path, loads, keys, said):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.integration
 def test_an_order_is_recorded_and_read_back(tmp_path):
     stated = {
         "empty": {},
@@ -169,6 +170,7 @@ def _weighs(experiment, run):
     return run.streams["cables"].values["tension"][:4].mean(axis=0) @ up / 9.81
 
 
+@pytest.mark.integration
 def test_one_more_recording_changes_nothing_before_it(tmp_path):
     read(tmp_path, {"empty": {"known": {"mass": {"value": 160, "sigma": 1}}}})
     once = simulate("cogiro", duration=2, seed=4, loads=tmp_path / "loads.yaml")

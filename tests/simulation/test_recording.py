@@ -17,6 +17,7 @@ SPEED = 2 * np.pi * 0.5  # of the tensions [1/s]
 CLOSE = 1e-2  # of what damping takes, relative: the speed at which cables are fed is that of now, not of a lag ago
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("fed", [0.0, LAG], ids=["damped in itself", "a damper that spans it"])
 def test_a_winch_reads_what_a_spring_beside_a_damper_leaves(fed):
     robot = read_robot("cogiro").with_straight_cables()

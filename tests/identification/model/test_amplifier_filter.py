@@ -178,6 +178,7 @@ def filtered(request):
     return Filtered(*request.param)
 
 
+@pytest.mark.integration
 def test_the_balance_behind_a_filter_leaves_nothing(filtered):
     """What a delay alone leaves is a hundred to a thousand times as much."""
     at = filtered.case.balance()

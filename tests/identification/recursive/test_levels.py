@@ -58,6 +58,7 @@ def followed(intensity, noise, begin, motions):
     return np.array(found) / begin
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("begin", [4.0, 100.0])
 @pytest.mark.parametrize(("noise", "rel"), [(1e-6, 0.1), (1e-3, 0.1), (1e-2, 0.4), (3e-2, 0.4)])
 def test_it_is_found_however_loosely_a_motion_is_held(begin, noise, rel):
@@ -65,6 +66,7 @@ def test_it_is_found_however_loosely_a_motion_is_held(begin, noise, rel):
     assert found[8:].mean(axis=0) == pytest.approx(20.0, rel=rel)
 
 
+@pytest.mark.integration
 def test_what_is_not_resolved_does_not_wander_off():
     found = followed(3.0, 0.1, 3.0, 24)
     assert np.abs(np.log2(found)).max() < 2.0

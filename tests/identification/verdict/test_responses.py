@@ -54,6 +54,7 @@ def test_small_swings_are_those_of_an_oscillator():
         assert np.abs(pull[:, 2]).max() < 0.1 * np.abs(level).max()
 
 
+@pytest.mark.integration
 def test_a_plane_pendulum_obeys_the_equation_of_its_angle():
     """To more than a right angle; the pull from the angle and its rate."""
     acceleration = shaken(4.0) * [1.0, 0.0, 1.0]
