@@ -72,7 +72,9 @@ def locked_model(robot, body, lengths, damping_ratio=0.0, step=STEP):
 
 
 def linear_frequencies(robot, body, lengths, start):
-    """Of MuJoCo's accelerations about the equilibrium near a pose [Hz], ascending, by differences."""
+    """Of MuJoCo's accelerations about the equilibrium near a pose [Hz], ascending, by
+    differences.
+    """
     model = locked_model(robot, body, lengths)
     data = mujoco.MjData(model)
     place = np.array(start)
@@ -195,8 +197,8 @@ def swings(
 
 
 def _swing(robot, body, rng, duration, air):
-    """Poses after some pushes, of a swing in which every cable stays taut, shape (n, 7), and how hard
-    the cables pull [N], shape (n, m).
+    """Poses after some pushes, of a swing in which every cable stays taut, shape (n, 7), and how
+    hard the cables pull [N], shape (n, m).
     """
     every = round(1 / RATE / STEP)
     while True:

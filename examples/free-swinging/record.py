@@ -1,5 +1,5 @@
-"""Records the swings of this example anew, in MuJoCo: three and four cables, hands that push, motion
-capture at 100 Hz with .3 mm and .5 mrad.
+"""Records the swings of this example anew, in MuJoCo: three and four cables, hands that push,
+motion capture at 100 Hz with .3 mm and .5 mrad.
 
 Usage: python examples/free-swinging/record.py FOLDER
 """

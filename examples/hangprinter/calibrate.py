@@ -1,5 +1,5 @@
-"""The anchors of a real four-cable robot from 44 poses at rest: four motor angles each, and where the
-mover was in nine of them.
+"""The anchors of a real four-cable robot from 44 poses at rest: four motor angles each, and where
+the mover was in nine of them.
 """
 
 from pathlib import Path

@@ -3,9 +3,9 @@
 The physics is written once, symbolically. This module turns an expression into a function of NumPy
 arrays with time on axis 0. Samples go through it one operation after the other
 (:mod:`.operations`) once there have been enough of them to make a list of these worth while, before
-that and alone sample by sample: through CasADi's buffer interface in blocks, whose memory stays with
-the function from call to call, since to say anew where these stand would take longer than to compute
-them.
+that and alone sample by sample: through CasADi's buffer interface in blocks, whose memory stays
+with the function from call to call, since to say anew where these stand would take longer than to
+compute them.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ _BLOCK = 16
 _MANY = 16
 """Samples from which on :mod:`.operations` are faster, whatever the expression."""
 _WORTH = 1000
-"""Samples, over all calls of so many, after which a list of operations has saved what it took to make."""
+"""Samples, over all calls of so many, after which a list of operations has saved what it took to
+make."""
 _KEPT = 1 << 19
 """Numbers of the last call that are remembered, at most: fit, verdict and conclusion look at one
 state in turn."""

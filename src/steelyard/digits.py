@@ -1,5 +1,5 @@
-"""Numbers as people read them: names and units of the ten parameters, and the one rule by which they
-are rounded: the digits that an uncertainty leaves, else three significant ones.
+"""Numbers as people read them: names and units of the ten parameters, and the one rule by which
+they are rounded: the digits that an uncertainty leaves, else three significant ones.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ def deviation(value: float | None) -> str:
 
 
 def alike(values: Sequence[float | None], digits: int = 3) -> list[str]:
-    """Numbers of one kind beside each other, with as many digits behind the point as the largest one
-    of so many significant digits has.
+    """Numbers of one kind beside each other, with as many digits behind the point as the largest
+    one of so many significant digits has.
     """
     known = [abs(value) for value in values if value is not None and np.isfinite(value)]
     largest = max(known, default=0.0)

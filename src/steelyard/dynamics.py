@@ -39,7 +39,8 @@ AT_A_POINT = tuple(
     for column, (i, j) in enumerate(FLEXIBILITY)
     if i < 3 and (i == j or (j >= 3 and j - 3 != i))
 )
-"""Elements by which a part at one point shows: how it follows forces along each axis, and turns by them."""
+"""Elements by which a part at one point shows: how it follows forces along each axis, and turns by
+them."""
 
 
 def newton_euler(
@@ -118,12 +119,13 @@ def specific_force_at(
 
 
 def bending_regressor(felt: Array, omega: Array, elements: Sequence[int] = EVERY_ELEMENT) -> Array:
-    r"""Regressor of what the cables exert beyond a rigid body where parts of the platform bend, in P.
+    r"""Regressor of what the cables exert beyond a rigid body where parts of the platform bend, in
+    P.
 
     A part on springs whose own frequencies :math:`\omega_k` lie above the motion stands off by
     :math:`q_k = -g_k^T (y - \ddot y / \omega_k^2) / \omega_k^2`, with the specific force and the
-    angular acceleration :math:`y = (s, \dot\omega)` and what it feels of them, :math:`g_k`. All parts
-    together are one matrix of residual flexibility [Craig2006]_,
+    angular acceleration :math:`y = (s, \dot\omega)` and what it feels of them, :math:`g_k`. All
+    parts together are one matrix of residual flexibility [Craig2006]_,
     :math:`K = \sum_k g_k g_k^T / \omega_k^2`. With its first and last three rows,
     :math:`K_s` and :math:`K_{\dot\omega}`, the first moment is off by :math:`\eta = -K_s y`, and
 
@@ -132,14 +134,15 @@ def bending_regressor(felt: Array, omega: Array, elements: Sequence[int] = EVERY
               n = \eta \times s - K_{\dot\omega} \ddot y .
 
     Args:
-        felt: Specific force of the platform origin [m/s^2] over angular acceleration [rad/s^2] and their
-            first two derivatives by time, in P, shape (3, n, 6).
+        felt: Specific force of the platform origin [m/s^2] over angular acceleration [rad/s^2] and
+            their first two derivatives by time, in P, shape (3, n, 6).
         omega: Angular velocity, in P [rad/s], shape (n, 3).
         elements: Which of the 21 elements of K are asked for.
 
     Returns:
-        Shape (n, 6, k), by these elements of K, of which all are: xx, yy, zz, yz, xz, xy of its first block [kg s^2], all
-        nine of the block beside that, row by row [kg m s^2], and six of its last one [kg m^2 s^2].
+        Shape (n, 6, k), by these elements of K, of which all are: xx, yy, zz, yz, xz, xy of its
+        first block [kg s^2], all nine of the block beside that, row by row [kg m s^2], and six of
+        its last one [kg m^2 s^2].
     """
     y, rate, change = np.ascontiguousarray(np.swapaxes(felt, 1, 2))
     turning = cross_matrices(omega)
@@ -227,7 +230,8 @@ def _samples(vectors: Mapping[str, ArrayLike]) -> dict[str, Array]:
         width = TEN if name == "parameters" else 3
         if array.ndim not in (1, 2) or array.shape[-1] != width:
             raise WrongValueError(
-                f"{name}: expected shape (n, {width}) or ({width},), found {array.shape}; correct it"
+                f"{name}: expected shape (n, {width}) or ({width},), found {array.shape}; correct"
+                " it"
             )
         if array.ndim == 2:
             n = len(array) if n is None else n

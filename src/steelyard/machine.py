@@ -1,10 +1,10 @@
 """A small machine in compiled code that carries out lists of operations on many samples.
 
-Numbers stand in rows, one row for each intermediate result, one column for each sample. An operation
-takes one or two rows and fills another one, :data:`WIDTH` samples in one instruction of the processor.
-LLVM compiles the machine, not the lists, in some tens of milliseconds; a list of operations is data to
-it. Operations are those of CasADi, in the order of the list, and are not rearranged: what they give
-does not depend on how many samples there are.
+Numbers stand in rows, one row for each intermediate result, one column for each sample. An
+operation takes one or two rows and fills another one, :data:`WIDTH` samples in one instruction of
+the processor. LLVM compiles the machine, not the lists, in some tens of milliseconds; a list of
+operations is data to it. Operations are those of CasADi, in the order of the list, and are not
+rearranged: what they give does not depend on how many samples there are.
 """
 
 from __future__ import annotations
@@ -155,7 +155,8 @@ _EMITTED: dict[int, tuple[int, Emitted]] = {
     **{code: (1, _library(name, 1)) for code, name in _LIBRARY_OF_ONE.items()},
     **{code: (2, _library(name, 2)) for code, name in _LIBRARY_OF_TWO.items()},
 }
-"""Code of an operation, as CasADi numbers them -> number of its operands, and what carries it out."""
+"""Code of an operation, as CasADi numbers them -> number of its operands, and what carries it
+out."""
 KNOWN = frozenset(_EMITTED)
 """Codes of the operations that the machine knows, as CasADi numbers them."""
 
@@ -199,8 +200,8 @@ class Machine:
 
 @cache
 def machine() -> Machine | None:
-    """The machine of this process; None where none may be compiled, as on systems that let no process
-    write code for itself.
+    """The machine of this process; None where none may be compiled, as on systems that let no
+    process write code for itself.
     """
     try:
         return Machine()

@@ -1,9 +1,10 @@
-"""A CasADi function carried out by :mod:`.machine`: one operation after the other, on many samples at
-once.
+"""A CasADi function carried out by :mod:`.machine`: one operation after the other, on many samples
+at once.
 
-CasADi goes through all operations for one sample before it turns to the next one, at some nanoseconds
-each; the machine takes some tens of nanoseconds to begin an operation, and a fraction of a nanosecond
-a sample from there on. Operations and their order are the same, and so is what they give.
+CasADi goes through all operations for one sample before it turns to the next one, at some
+nanoseconds each; the machine takes some tens of nanoseconds to begin an operation, and a fraction
+of a nanosecond a sample from there on. Operations and their order are the same, and so is what they
+give.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from steelyard.machine import KNOWN, ROW, machine
 
 @dataclass(frozen=True, eq=False)
 class Operations:
-    """The operations of a function of one sample, on rows of numbers: intermediate results, then the
-    entries of the inputs, of the outputs, and constants.
+    """The operations of a function of one sample, on rows of numbers: intermediate results, then
+    the entries of the inputs, of the outputs, and constants.
     """
 
     operations: NDArray[np.int32]
@@ -41,8 +42,8 @@ class Operations:
 
     @classmethod
     def of(cls, function: Any) -> Operations | None:
-        """Of a CasADi function of dense inputs and outputs; None where it does anything else than the
-        operations that the machine knows, or where there is no machine.
+        """Of a CasADi function of dense inputs and outputs; None where it does anything else than
+        the operations that the machine knows, or where there is no machine.
         """
         if not function.is_a("SXFunction") or machine() is None:
             return None

@@ -5,7 +5,8 @@ yaw) with ``R = Rz(yaw) Ry(pitch) Rx(roll)``, Eq. (3) of [Tempel2017]_; quaterni
 z) in Hamilton's convention, q and -q are one rotation.
 
 In CasADi every argument is one vector or matrix: rotation matrices have shape (3, 3), quaternions
-(4,), all else (3,). In NumPy time is the first axis of each, n samples long. All other conversions of recorded numbers use :class:`scipy.spatial.transform.Rotation`.
+(4,), all else (3,). In NumPy time is the first axis of each, n samples long. All other conversions
+of recorded numbers use :class:`scipy.spatial.transform.Rotation`.
 """
 
 from __future__ import annotations

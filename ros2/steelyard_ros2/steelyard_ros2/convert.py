@@ -111,8 +111,8 @@ def _known(value):
 
 
 def fill_inertia(estimate, message):
-    """An estimate in the fields of geometry_msgs/msg/Inertia: about the centre of gravity, along the
-    axes of the platform frame; NaN where the data do not tell a number.
+    """An estimate in the fields of geometry_msgs/msg/Inertia: about the centre of gravity, along
+    the axes of the platform frame; NaN where the data do not tell a number.
     """
     message.m = _known(estimate["mass"])
     place = estimate["center_of_gravity"] or [None] * 3

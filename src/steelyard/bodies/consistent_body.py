@@ -33,7 +33,9 @@ class Binding:
     platform frame, shape (4,). None: a region."""
 
     def about(self, point: Array) -> Binding:
-        """The same in a platform frame whose origin is at a point of the present one [m], shape (3,)."""
+        """The same in a platform frame whose origin is at a point of the present one [m], shape
+        (3,).
+        """
         if self.plane is None:
             return self
         off = np.array([0.0, 0.0, 0.0, self.plane[:3] @ point])

@@ -30,7 +30,9 @@ class Box:
             )
 
     def about(self, point: Array) -> Box:
-        """The same in a platform frame whose origin is at a point of the present one [m], shape (3,)."""
+        """The same in a platform frame whose origin is at a point of the present one [m], shape
+        (3,).
+        """
         return replace(self, lower=self.lower - point, upper=self.upper - point)
 
     @property
@@ -74,7 +76,9 @@ class Ellipsoid:
             raise WrongValueError(f"{self.name}: expected a rotation, found {R.tolist()}")
 
     def about(self, point: Array) -> Ellipsoid:
-        """The same in a platform frame whose origin is at a point of the present one [m], shape (3,)."""
+        """The same in a platform frame whose origin is at a point of the present one [m], shape
+        (3,).
+        """
         return replace(self, center=self.center - point)
 
     @property

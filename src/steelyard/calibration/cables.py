@@ -1,4 +1,6 @@
-"""What measured lengths tell of the cables and their rollers, by the instrument that knows it best."""
+"""What measured lengths tell of the cables and their rollers, by the instrument that knows it
+best.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +25,8 @@ def stiffness_of(found: GeometryFit, settings: CalibrationSettings) -> tuple[flo
 
 
 def rollers_of(found: GeometryFit, settings: CalibrationSettings) -> tuple[Array, Array] | None:
-    """Radii of the rollers and their 1-sigma [m], NaN where the readings do not tell them, shape (m,)
-    each; None: they tell none.
+    """Radii of the rollers and their 1-sigma [m], NaN where the readings do not tell them, shape
+    (m,) each; None: they tell none.
     """
     told = _of_lengths(found, settings, ROLLER)
     if told is None:
@@ -35,9 +37,9 @@ def rollers_of(found: GeometryFit, settings: CalibrationSettings) -> tuple[Array
 
 
 def axes_of(found: GeometryFit, settings: CalibrationSettings) -> tuple[Array, Array] | None:
-    """Axes about which the rollers swivel, unit vectors in the world frame of the description, shape (m,
-    3), and the 1-sigma of how they lean along two directions square to them [rad], shape (m, 2); NaN
-    where the readings do not tell both; None: they tell none.
+    """Axes about which the rollers swivel, unit vectors in the world frame of the description,
+    shape (m, 3), and the 1-sigma of how they lean along two directions square to them [rad], shape
+    (m, 2); NaN where the readings do not tell both; None: they tell none.
     """
     told = _of_lengths(found, settings, ROLLER_AXIS)
     if told is None:

@@ -19,9 +19,9 @@ def calibrate(
     """Find the geometry of a robot from poses at rest, recordings in motion, or both.
 
     Args:
-        experiment: An experiment, or the path of its file, with runs in which lengths or tensions were read, and what tells how the platform
-            stands or moves; its ``uncertainty`` says how far anchors and attachments may be off,
-            its ``datum`` what the world frame is.
+        experiment: An experiment, or the path of its file, with runs in which lengths or tensions
+            were read, and what tells how the platform stands or moves; its ``uncertainty`` says how
+            far anchors and attachments may be off, its ``datum`` what the world frame is.
         progress: Is called with what is being done and the fraction that is done.
         settings: Levels.
 

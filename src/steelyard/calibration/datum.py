@@ -51,8 +51,8 @@ class Placed:
     translation: Array | None = None
     """Its origin in this one [m], shape (3,)."""
     spread: Array | None = None
-    """Covariance of that motion: translation of the datum's centre [m], rotation vector [rad] in this
-    frame, shape (6, 6)."""
+    """Covariance of that motion: translation of the datum's centre [m], rotation vector [rad] in
+    this frame, shape (6, 6)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +79,8 @@ def check_datum(experiment: Experiment) -> None:
         experiment: With poses at rest.
 
     Raises:
-        InputError: Nothing tells the pose of the datum, or an instrument stands in the world in a way
-            that cannot be told in another frame.
+        InputError: Nothing tells the pose of the datum, or an instrument stands in the world in a
+            way that cannot be told in another frame.
     """
     if experiment.datum is None:
         return
@@ -94,7 +94,8 @@ def check_datum(experiment: Experiment) -> None:
                 and not keys & {_PLACE, _REFERENCE}
             ):
                 raise InputError(
-                    f"datum: expected no instrument of kind '{instrument.kind}' in poses at rest, whose"
+                    f"datum: expected no instrument of kind '{instrument.kind}' in poses at rest,"
+                    " whose"
                     f" place in the world is stated, found '{name}'; leave out 'datum', or the"
                     " instrument"
                 )
@@ -219,8 +220,8 @@ def _segment(found: GeometryFit, run: Run) -> tuple[int, Segment]:
 
 
 def _pose_covariance(found: GeometryFit, run: Run) -> tuple[Array, Array]:
-    """Covariance of the first pose of a run, shape (7, 7), and of all calibration parameters with it,
-    shape (u, 7).
+    """Covariance of the first pose of a run, shape (7, 7), and of all calibration parameters with
+    it, shape (u, 7).
     """
     number, _ = _segment(found, run)
     equations, border = found.fit.equations[number], found.fit.covariance

@@ -1,5 +1,5 @@
-"""Where the poses of a run are looked for first: by instruments that tell them, by forces in balance,
-by lengths.
+"""Where the poses of a run are looked for first: by instruments that tell them, by forces in
+balance, by lengths.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from steelyard.rotations import quaternions_of
 _FEWEST = 6
 """Poses in which a length has to be read before one of them can be held against the others."""
 _APART, _METRES = 8.0, 0.2
-"""How far the lengths of a pose are off those of all others, over the usual and in metres, where its
-place is wrong."""
+"""How far the lengths of a pose are off those of all others, over the usual and in metres, where
+its place is wrong."""
 _DEPTH = 0.4
 """Below the highest anchor, where a platform is looked for first, over the span of the anchors."""
 UPRIGHT = "no orientation"
@@ -37,8 +37,8 @@ UPRIGHT = "no orientation"
 def first_poses(
     experiment: Experiment, run: Run, readings: list[Reading], count: int
 ) -> tuple[Array, Mapping[str, Array]]:
-    """Position and quaternion of every pose to begin with, shape (n, 7), and offsets of lengths where
-    forces tell them.
+    """Position and quaternion of every pose to begin with, shape (n, 7), and offsets of lengths
+    where forces tell them.
 
     Args:
         experiment: With robot and instruments.
@@ -182,8 +182,8 @@ def _by_lengths(
     rotation: Array,
     missing: NDArray[np.bool_],
 ) -> None:
-    """Put positions at which a robot as it was drawn would have the lengths; offsets of which nothing
-    is known are those of the poses that are placed already, else none.
+    """Put positions at which a robot as it was drawn would have the lengths; offsets of which
+    nothing is known are those of the poses that are placed already, else none.
     """
     robot = experiment.robot.with_straight_cables()
     numbers = reading.time.astype(int)

@@ -55,8 +55,8 @@ class GeometryFit:
     where the fit has not converged."""
     left_out: tuple[LeftOut, ...]
     body: tuple[Array, Array] | None = None
-    """Ten linear parameters of the body that hung there, and their covariance, shapes (10,) and (10,
-    10); None: no forces were read."""
+    """Ten linear parameters of the body that hung there, and their covariance, shapes (10,) and
+    (10, 10); None: no forces were read."""
     notes: tuple[str, ...] = ()
     """What a reader should know of the recordings: what was not used, and why."""
 
@@ -104,7 +104,8 @@ def fit_geometry(
         raise InputError(
             f"{experiment.source or experiment.name}: expected runs of poses at rest ('static:"
             f" true') or in motion that tell where the cables are fixed, found none"
-            f"{''.join(f'; {note}' for note in notes)}; record the platform at rest in some ten poses"
+            f"{''.join(f'; {note}' for note in notes)}; record the platform at rest in some ten"
+            " poses"
             " or more, or in motion"
         )
     moving = any(not run.static for run in experiment.runs)
@@ -217,8 +218,8 @@ def _begun_at_rest(
 
 
 def _widened(experiment: Experiment, settings: CalibrationSettings) -> Experiment:
-    """With drums of any scale where something metric is read, and with offsets of lengths and rollers
-    that nobody has stated.
+    """With drums of any scale where something metric is read, and with offsets of lengths and
+    rollers that nobody has stated.
     """
     robot = experiment.robot
     metric = any(
@@ -310,8 +311,8 @@ def _robust(
 ) -> tuple[Fit, list[WrongRow]]:
     """Fit, and again without rows that contradict all others.
 
-    First with all noise taken as larger: next to a geometry that is off by decimetres no reading of a
-    tenth of a millimetre stands out, and with it one that is off by metres does.
+    First with all noise taken as larger: next to a geometry that is off by decimetres no reading of
+    a tenth of a millimetre stands out, and with it one that is off by metres does.
     """
     wrong: list[WrongRow] = []
     sources = {s.label(*r.source) for s in state.segments for r in s.readings}

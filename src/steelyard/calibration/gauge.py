@@ -1,8 +1,8 @@
 """Gauge freedom: whether anything ties the frames in which anchors and attachments are told.
 
-A frame that no reading ties may be moved at will without any reading changing. What can be told then
-is the shape; its uncertainty is that about the frame in which the points are nearest to those drawn
-(inner constraints, an S-transformation [Baarda1973]_).
+A frame that no reading ties may be moved at will without any reading changing. What can be told
+then is the shape; its uncertainty is that about the frame in which the points are nearest to those
+drawn (inner constraints, an S-transformation [Baarda1973]_).
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ class Gauge:
         if not self.untied:
             return f"the {self.frame} is tied by the readings"
         return (
-            f"nothing ties the {self.frame} ({', '.join(self.untied)}): it is that in which the points"
+            f"nothing ties the {self.frame} ({', '.join(self.untied)}): it is that in which the"
+            " points"
             " are nearest to those of the robot file, and 1-sigma are about it"
         )
 

@@ -1,5 +1,5 @@
-"""A robot as it was found: its points with what is uncertain about them, sensors, frames, and whether
-to rely on it.
+"""A robot as it was found: its points with what is uncertain about them, sensors, frames, and
+whether to rely on it.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ FORMAT = "steelyard-calibration/1"
 _SEARCHED = frozenset({"gain", "offset", STRETCH, ROLLER, ROLLER_AXIS})
 """Errors of instruments that are looked for, and named where nothing tells them."""
 _OF_CABLES = frozenset({STRETCH, ROLLER, ROLLER_AXIS, CABLE_DAMPING})
-"""Errors that are null where nothing tells them: the file of the robot has what was known before."""
+"""Errors that are null where nothing tells them: the file of the robot has what was known
+before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +84,8 @@ class GeometryCalibration:
 
     @property
     def moved(self) -> dict[str, Array]:
-        """Found less drawn, of ``anchor`` and ``attachment`` [m], shape (m, 3) each; NaN where the fit
-        has not converged.
+        """Found less drawn, of ``anchor`` and ``attachment`` [m], shape (m, 3) each; NaN where the
+        fit has not converged.
         """
         drawn = _points_of(self.experiment.robot)
         known = 0.0 if self.arrived else np.nan
@@ -119,15 +120,15 @@ class GeometryCalibration:
 
     @property
     def rollers(self) -> tuple[Array, Array] | None:
-        """Radii of the rollers and their 1-sigma [m], NaN where the readings do not tell them, shape
-        (m,) each; None: they tell none.
+        """Radii of the rollers and their 1-sigma [m], NaN where the readings do not tell them,
+        shape (m,) each; None: they tell none.
         """
         return rollers_of(self.found, self.settings)
 
     @property
     def roller_axes(self) -> tuple[Array, Array] | None:
-        """Axes about which rollers swivel, in the world frame of the description, and 1-sigma of how they
-        lean [rad], see :func:`.axes_of`; None: the readings tell none.
+        """Axes about which rollers swivel, in the world frame of the description, and 1-sigma of
+        how they lean [rad], see :func:`.axes_of`; None: the readings tell none.
         """
         return axes_of(self.found, self.settings)
 
@@ -190,8 +191,8 @@ class GeometryCalibration:
     def covariance(self) -> Array:
         """Of anchors, then attachments, three coordinates a cable [m^2], shape (6 m, 6 m).
 
-        With what is uncertain about frames that nothing ties and no datum defines: where sensors sit is told in the same
-        platform frame, and there it matters.
+        With what is uncertain about frames that nothing ties and no datum defines: where sensors
+        sit is told in the same platform frame, and there it matters.
         """
         use = self.found.parameters.of_geometry
         whole = self.placed.covariance[np.ix_(use, use)]
@@ -209,7 +210,9 @@ class GeometryCalibration:
 
     @property
     def reported(self) -> CalibrationParameters:
-        """All calibration parameters, frames that were exact in another world as what they are now."""
+        """All calibration parameters, frames that were exact in another world as what they are
+        now.
+        """
         parameters = self.found.parameters
         if self.placed.rotation is None:
             return parameters
@@ -239,8 +242,8 @@ class GeometryCalibration:
 
     @property
     def leave_one_out(self) -> Array | None:
-        """Residual of each cable's lengths as all other readings predict them, root mean square [m],
-        shape (m,); None: no lengths were read.
+        """Residual of each cable's lengths as all other readings predict them, root mean square
+        [m], shape (m,); None: no lengths were read.
         """
         each = [one.residual for one in self.found.left_out]
         if not each:
@@ -264,8 +267,8 @@ class GeometryCalibration:
 
     @property
     def body(self) -> tuple[Array, Array] | None:
-        """The ten body parameters of what hung there, NaN where they are not told, and their 1-sigma,
-        shape (10,) each; None: no forces were read.
+        """The ten body parameters of what hung there, NaN where they are not told, and their
+        1-sigma, shape (10,) each; None: no forces were read.
         """
         if self.found.body is None:
             return None

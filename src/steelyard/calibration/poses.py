@@ -24,8 +24,8 @@ _FIRST_NOISE = 1e-3
 
 
 def with_upright(experiment: Experiment, settings: CalibrationSettings = CALIBRATION) -> Experiment:
-    """The experiment with a vague orientation in runs whose instruments do not tell one: the platform
-    hangs upright, to about a radian.
+    """The experiment with a vague orientation in runs whose instruments do not tell one: the
+    platform hangs upright, to about a radian.
 
     Args:
         experiment: With poses at rest.
@@ -54,15 +54,16 @@ def with_upright(experiment: Experiment, settings: CalibrationSettings = CALIBRA
 
 
 def segment_of(experiment: Experiment, run: Run) -> tuple[Segment, Mapping[str, Array]]:
-    """The poses of a static run, with all readings of how the platform stands; and offsets of lengths
-    to begin with, where nothing else than forces tells them.
+    """The poses of a static run, with all readings of how the platform stands; and offsets of
+    lengths to begin with, where nothing else than forces tells them.
 
     Args:
         experiment: With robot and instruments.
         run: Static.
 
     Raises:
-        InputError: No instrument tells where the platform was, or streams have other numbers of rows.
+        InputError: No instrument tells where the platform was, or streams have other numbers of
+            rows.
     """
     counts = {name: len(each) for name, each in run.streams.items()}
     count = next(iter(counts.values()))

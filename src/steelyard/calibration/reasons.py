@@ -74,8 +74,8 @@ def _stretch(found: GeometryFit) -> str:
 
 
 def _of_scattering_readings(found: GeometryFit, settings: CalibrationSettings) -> Iterator[str]:
-    """Of readings that scatter as no such instrument does, though nobody has stated their noise: what
-    contradicts all others must not be taken for noise.
+    """Of readings that scatter as no such instrument does, though nobody has stated their noise:
+    what contradicts all others must not be taken for noise.
     """
     state, m, said = found.fit.state, found.experiment.robot.m, set()
     for segment in state.segments:
@@ -111,7 +111,8 @@ def _of_the_datum(found: GeometryFit) -> Iterator[str]:
     datum = found.experiment.datum
     if datum is not None and any((w.run, w.row) == (datum.pose, 1) for w in found.wrong):
         yield (
-            f"the first pose of run '{datum.pose}', which defines the world, contradicts all others;"
+            f"the first pose of run '{datum.pose}', which defines the world, contradicts all"
+            " others;"
             " correct it, or name other poses or anchors under 'datum'"
         )
 

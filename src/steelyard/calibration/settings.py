@@ -22,8 +22,8 @@ class CalibrationSettings:
     roller: float = 0.001
     """1-sigma of the radius of a roller [m]: the groove and half the cable."""
     roller_axis: float = 0.01
-    """1-sigma of the axis about which a roller swivels [rad]: half a degree, as things stand that are
-    put up with a level."""
+    """1-sigma of the axis about which a roller swivels [rad]: half a degree, as things stand that
+    are put up with a level."""
     force: float = 0.02
     """1-sigma of a tension whose noise is not stated, over the usual one, to begin with."""
     upright: float = 0.7

@@ -27,4 +27,7 @@ def brief(found: Campaign) -> Document:
 def _lead(found: Campaign) -> str:
     done = f", {found.unchanged} of them done before" if found.unchanged else ""
     plural = "" if found.experiments == 1 else "s"
-    return f"{found.experiments} experiment{plural}{done}; campaign.html and all results are in {found.folder}."
+    return (
+        f"{found.experiments} experiment{plural}{done}; campaign.html and all results are in"
+        f" {found.folder}."
+    )

@@ -54,7 +54,8 @@ class DatabaseTable:
         if parts.scheme not in _SCHEMES or not _NAME.fullmatch(name):
             # The text itself may have a password.
             raise InputError(
-                "--table: expected postgresql://USER@HOST:PORT/DATABASE, with #TABLE behind it where"
+                "--table: expected postgresql://USER@HOST:PORT/DATABASE, with #TABLE behind it"
+                " where"
                 f" it is not '{DEFAULT_TABLE}', found something else; correct the URL"
             )
         if find_spec("adbc_driver_postgresql") is None:
@@ -83,8 +84,8 @@ class DatabaseTable:
         others stay.
 
         Raises:
-            InputError: The server refuses, or the table has an experiment of one of these names from
-                another path.
+            InputError: The server refuses, or the table has an experiment of one of these names
+                from another path.
         """
         if table.is_empty():
             return
@@ -114,7 +115,8 @@ class DatabaseTable:
         return ".".join(f'"{part}"' for part in self.name.split("."))
 
     def _prepare(self, cursor: Any) -> None:
-        """The table, made where it is not there, and locked: two campaigns write one after the other.
+        """The table, made where it is not there, and locked: two campaigns write one after the
+        other.
 
         One that an administrator has made needs no right to make tables.
         """
@@ -127,7 +129,8 @@ class DatabaseTable:
         cursor.execute(f"SELECT to_regclass('{self._quoted}') IS NOT NULL")
         if not cursor.fetch_polars().item():
             cursor.execute(
-                f"CREATE TABLE {self._quoted} ({', '.join(stated)}, PRIMARY KEY (experiment, method))"
+                f"CREATE TABLE {self._quoted} ({', '.join(stated)}, PRIMARY KEY (experiment,"
+                " method))"
             )
         cursor.execute(f"SELECT {_names()} FROM {self._quoted} LIMIT 0")
         cursor.execute(f"LOCK TABLE {self._quoted} IN SHARE ROW EXCLUSIVE MODE")

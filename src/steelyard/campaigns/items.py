@@ -101,7 +101,9 @@ def _in_folder(folder: Path, place: str, top: Path) -> Iterator[Item]:
 
 
 def _top(folder: Path) -> Path:
-    """Where names of experiments in a folder begin: one that is an experiment itself has its name."""
+    """Where names of experiments in a folder begin: one that is an experiment itself has its
+    name.
+    """
     return folder.absolute().parent if (folder / EXPERIMENT).is_file() else folder
 
 

@@ -1,4 +1,6 @@
-"""The page of a campaign: parameters over time, control charts, scatter, verdicts, all experiments."""
+"""The page of a campaign: parameters over time, control charts, scatter, verdicts, all
+experiments.
+"""
 
 from __future__ import annotations
 
@@ -148,7 +150,8 @@ def _changes(
     statements += [
         Statement(f"{len(series.names)} estimates by {series.method} in the order {order}{left}."),
         Statement(
-            "CUSUM: each recording is compared with the mean of all before it since the last change."
+            "CUSUM: each recording is compared with the mean of all before it since the last"
+            " change."
             f" Decision intervals in sigmas: {h}. All charts of all parameters together give one"
             f" false alarm in {CHARTS.recordings_per_alarm:,.0f} recordings on average, where the"
             " stated sigmas are true and the recordings independent."
@@ -206,7 +209,8 @@ def _scatter(series: Series, charts: Sequence[ParameterChart]) -> Iterator[Block
     if any(chart.count and chart.p_values[1] < level for chart in charts):
         statements.append(
             Statement(
-                "Recordings differ less than stated where all of them share an error that is part of"
+                "Recordings differ less than stated where all of them share an error that is part"
+                " of"
                 " the stated 1-sigma, such as a gain of the force sensors; the charts then see"
                 " changes later than they could, and false alarms are fewer.",
                 "note",

@@ -56,8 +56,8 @@ class Campaign:
 
     @property
     def sound(self) -> bool:
-        """Whether no experiment that was asked for was rejected, refused or lost; a baseline alone is
-        neither accepted nor rejected, as in ``identify``.
+        """Whether no experiment that was asked for was rejected, refused or lost; a baseline alone
+        is neither accepted nor rejected, as in ``identify``.
         """
         return not self.problems
 
@@ -112,13 +112,15 @@ def campaign(
         verb: ``identify`` or ``inspect``.
         reports: Whether to write a report beside each estimate.
         table: ``postgresql://USER@HOST:PORT/DATABASE``, with ``#TABLE`` behind it where it is not
-            ``campaign``: all rows are written there, too, in place of older ones of these experiments.
+            ``campaign``: all rows are written there, too, in place of older ones of these
+            experiments.
         engine: Where to work, in place of ``jobs`` and ``client``.
         progress: Is told what is being done and the fraction that is done.
 
     Raises:
         InputError: There is nothing to work on, the folder or the database cannot be used, or the
-            cluster is not there. An experiment that is wrong raises nothing: it has a row that says so.
+            cluster is not there. An experiment that is wrong raises nothing: it has a row that says
+            so.
     """
     from steelyard.identification.chosen_methods import chosen_methods
 
@@ -198,7 +200,8 @@ def _check_names(items: Sequence[Item], before: pl.DataFrame) -> None:
         path = there.get(item.name, item.path)
         if path != item.path and Path(path).exists():
             raise InputError(
-                f"{item.path}: expected a name that is not in the table yet, found '{item.name}' for"
+                f"{item.path}: expected a name that is not in the table yet, found '{item.name}'"
+                " for"
                 f" {path}; name a folder above both, or choose another with --out"
             )
 

@@ -26,7 +26,8 @@ DEFAULT = "default"
 INSPECT = "inspect"
 _UNFINISHED = ".steelyard-"
 _DATE = re.compile(
-    r"(?<!\d)(20\d\d)-?([01]\d)-?([0-3]\d)(?:[T_ -]?([0-2]\d)[-:.h]?([0-5]\d)(?:[-:.m]?([0-5]\d))?)?"
+    r"(?<!\d)(20\d\d)-?([01]\d)-?([0-3]\d)(?:[T_"
+    r" -]?([0-2]\d)[-:.h]?([0-5]\d)(?:[-:.m]?([0-5]\d))?)?"
 )
 """A date in a name, with or without a time of the day behind it."""
 _EPOCHS = (9.5e8, 4.1e9)
@@ -164,8 +165,8 @@ def _results(task: ExperimentTask) -> Any:
 
 
 def recorded_at(name: str, experiment: Experiment | None = None) -> float | None:
-    """When it was recorded, in seconds since 1970 UTC: by a date in its name, or by time stamps that
-    are such seconds; None where neither tells it.
+    """When it was recorded, in seconds since 1970 UTC: by a date in its name, or by time stamps
+    that are such seconds; None where neither tells it.
     """
     # The last one: that of the experiment itself.
     for found in list(_DATE.finditer(name))[-1:]:

@@ -54,8 +54,8 @@ def app() -> None:
     """Find the mass, centre of gravity and inertia of what a cable robot carries, and how well each
     is known.
 
-    Begin with `steelyard demo`, or with `steelyard new NAME` or `steelyard init LOG...` on a robot and
-    recordings of your own.
+    Begin with `steelyard demo`, or with `steelyard new NAME` or `steelyard init LOG...` on a robot
+    and recordings of your own.
     Exit status: 0 done, 2 the input or the command line is wrong, 3 the estimate was made but not
     accepted.
     """

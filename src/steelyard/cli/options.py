@@ -37,7 +37,8 @@ def check_there(path: Path) -> None:
         if inside.is_file():
             raise InputError(f"{path}: expected an experiment file, found a folder; name {inside}")
         raise InputError(
-            f"{path}: expected an experiment file, found a folder; draft one from the logs in it with"
+            f"{path}: expected an experiment file, found a folder; draft one from the logs in it"
+            " with"
             f" 'steelyard init {path} --robot ROBOT --out {inside}'"
         )
     if path.suffix.lower() not in (".yaml", ".yml", ".json", ""):

@@ -21,7 +21,8 @@ _LEAST_MEMORY = 1900 << 20
 """Bytes of address space (ulimit -v): with less, what computes ends or waits in its own ways, which
 nothing here can catch."""
 _NO_MEMORY = (
-    "memory: expected enough for these recordings, found that it is used up; allow more (ulimit -v),"
+    "memory: expected enough for these recordings, found that it is used up; allow more (ulimit"
+    " -v),"
     " or take shorter recordings"
 )
 _KEPT_END = 20

@@ -182,7 +182,9 @@ def _calibration(keys: Mapping[str, Any], m: int) -> str:
     more = "calibration" in keys
     extra = "; they go beside what stands above" if more else ""
     return (
-        f"{'more of calibration' if more else 'calibration'}: {flow(nested)}    # 1-sigma {', '.join([*units, '[s]'])}; the defaults"
+        f"{'more of calibration' if more else 'calibration'}: {flow(nested)}    # 1-sigma"
+        f" {', '.join([*units, '[s]'])}; the"
+        " defaults"
         f" (delay: 0 for the clock of the forces){extra}"
     )
 
@@ -236,7 +238,9 @@ def _stream(name: str, found: DraftStream, files: Mapping[str, str]) -> Iterator
 
 
 def _mapping(key: str, values: Mapping[str, str]) -> Iterator[str]:
-    """A mapping in one line where it fits, else a line for each entry; nothing where it is empty."""
+    """A mapping in one line where it fits, else a line for each entry; nothing where it is
+    empty.
+    """
     short = f"      {key}: {flow(values)}"
     if values and len(short) <= _WIDTH:
         yield short

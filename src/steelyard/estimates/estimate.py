@@ -140,8 +140,8 @@ class Estimate(Tabular):
         return False if (known <= 0).any() else None
 
     def about(self, point: Array) -> Estimate:
-        """The same in a platform frame whose origin is at a point of the present one; other loads and
-        runs stay as they are.
+        """The same in a platform frame whose origin is at a point of the present one; other loads
+        and runs stay as they are.
 
         Args:
             point: In the platform frame [m], shape (3,).
@@ -362,7 +362,9 @@ def judge(
 
 
 def unassessed(verdict: Verdict) -> Verdict:
-    """The verdict on a baseline: a body that cannot exist is refused, but nothing else was tested."""
+    """The verdict on a baseline: a body that cannot exist is refused, but nothing else was
+    tested.
+    """
     if not verdict.accepted:
         return verdict
     why = (

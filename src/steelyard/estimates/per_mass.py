@@ -34,8 +34,8 @@ class PerMass:
 
     @classmethod
     def of(cls, value: Array, covariance: Array) -> PerMass:
-        """Of the ten of :data:`steelyard.inertia.BODY_PARAMETERS` and their covariance, shapes (10,)
-        and (10, 10).
+        """Of the ten of :data:`steelyard.inertia.BODY_PARAMETERS` and their covariance, shapes
+        (10,) and (10, 10).
         """
         jacobian = cls.jacobian(value)
         known = np.isfinite(value[1:])

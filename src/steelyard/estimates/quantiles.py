@@ -1,5 +1,5 @@
-"""Quantiles and tail probabilities of the distributions that verdicts ask for, by the special functions
-of SciPy: its package of all distributions takes half a second to load.
+"""Quantiles and tail probabilities of the distributions that verdicts ask for, by the special
+functions of SciPy: its package of all distributions takes half a second to load.
 """
 
 from __future__ import annotations

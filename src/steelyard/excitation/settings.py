@@ -43,7 +43,8 @@ class DesignSettings:
     """The same where they are not: the rest is for what lies between the instants of the search."""
     dunkerley_ratio: float = 1.4
     """Largest sum of the inverse squares of the natural frequencies on the way over that at the
-    ends: the lowest frequency falls by about 16 %. High and tilted, that of CoGiRo falls from 2.4 to
+    ends: the lowest frequency falls by about 16 %. High and tilted, that of CoGiRo falls from 2.4
+    to
     1.2 Hz."""
 
     # What the platform may be, and where it may start
@@ -187,7 +188,8 @@ class DesignSettings:
     # Free swings
 
     fewest_swing_cables: int = 2
-    """Of the sets of cables that are compared: on one a platform turns about it without a spring."""
+    """Of the sets of cables that are compared: on one a platform turns about it without a
+    spring."""
     swing_places: int = 5
     """Places of rest to choose from: the middle and the farthest."""
     swing_places_tried: int = 30
@@ -204,8 +206,8 @@ class DesignSettings:
     swing_halvings: int = 4
     """How often the amplitude is halved where a cable would go slack."""
     frequency_share: float = 1e-3
-    """1-sigma of a natural frequency in parts of it by which sets of cables are compared first: what
-    ten seconds of motion capture give."""
+    """1-sigma of a natural frequency in parts of it by which sets of cables are compared first:
+    what ten seconds of motion capture give."""
     swing_rate: float = 25.0
     """Samples a second that the choice looks at [Hz]: ten in a period of swings of two hertz."""
     most_swings: int = 30

@@ -1,4 +1,6 @@
-"""What an experiment file and its streams must fulfil before anything can be estimated from them."""
+"""What an experiment file and its streams must fulfil before anything can be estimated from
+them.
+"""
 
 from __future__ import annotations
 
@@ -97,7 +99,8 @@ def _check_datum(form: ExperimentForm, robot: Robot, document: YamlDocument) -> 
     if len(numbers) < 3 or _are_on_a_line(points):
         raise document.error(
             key,
-            "expected at least three anchors that are on no line, since others leave a rotation of the"
+            "expected at least three anchors that are on no line, since others leave a rotation of"
+            " the"
             f" world open, found {', '.join(map(str, numbers)) or 'none'}; name others",
         )
 
@@ -109,7 +112,9 @@ def _are_on_a_line(points: Array) -> bool:
 
 
 def check_carried(form: ExperimentForm, document: YamlDocument) -> None:
-    """Refuse loads that are not there, what they cannot be, and runs that tell nothing of theirs."""
+    """Refuse loads that are not there, what they cannot be, and runs that tell nothing of
+    theirs.
+    """
     if form.loads and mass_walk(form.known):
         raise document.error(("known", "mass", "walk"), NO_WALK)
     if form.loads and known_values(form.known):
@@ -166,8 +171,8 @@ def check_length_noise(form: ExperimentForm, document: YamlDocument) -> None:
 
 
 def check_known_or_weighed(experiment: Experiment, document: YamlDocument) -> None:
-    """Refuse several loads of which nothing tells one's mass: what damps swings and stretches cables
-    is the same for all, and none of it can be told in multiples of two masses.
+    """Refuse several loads of which nothing tells one's mass: what damps swings and stretches
+    cables is the same for all, and none of it can be told in multiples of two masses.
     """
     for load in experiment.loads if len(experiment.loads) > 1 else ():
         if "mass" not in load.known and is_unread(experiment.alone(load)):
@@ -181,8 +186,8 @@ def check_known_or_weighed(experiment: Experiment, document: YamlDocument) -> No
 def check_moves_within(
     experiment: Experiment, run: Run, document: YamlDocument, where: tuple[str | int, ...]
 ) -> None:
-    """Refuse a motion of a load in which something moves where forces do not tell the whole wrench: what
-    pulls along the rest goes with the motion of the platform, and so does not average out.
+    """Refuse a motion of a load in which something moves where forces do not tell the whole wrench:
+    what pulls along the rest goes with the motion of the platform, and so does not average out.
     """
     if not experiment.moves_within(run.name):
         return
@@ -336,7 +341,8 @@ def check_run(
     if not any(each.is_motion or each.is_cable_motion for each in instruments):
         raise document.error(
             key,
-            f"run '{run.name}': expected a stream that measures the motion (imu, attitude, position,"
+            f"run '{run.name}': expected a stream that measures the motion (imu, attitude,"
+            " position,"
             " pose, length), found none; add one",
         )
     if run.window and run.window[0] >= run.window[1]:

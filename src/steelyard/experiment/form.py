@@ -102,7 +102,9 @@ class LoadForm(FileModel):
 
 
 class UncertaintyForm(FileModel):
-    """1-sigma of the robot file's values, per coordinate, and of the wrench that nothing explains."""
+    """1-sigma of the robot file's values, per coordinate, and of the wrench that nothing
+    explains.
+    """
 
     anchor: NotNegative = 0.002
     """[m]"""
@@ -188,8 +190,8 @@ class DatumForm(FileModel):
     """What the world frame is, for the calibration of the robot; one of both."""
 
     anchors: tuple[int, ...] | None = None
-    """Numbers of at least three anchors, from 1: the world frame is that in which they are nearest to
-    those of the robot file."""
+    """Numbers of at least three anchors, from 1: the world frame is that in which they are nearest
+    to those of the robot file."""
     pose: str | None = None
     """Name of a run of poses at rest: the world frame is that in which its first pose is as its
     command, or else an instrument of kind pose, says."""
@@ -222,8 +224,8 @@ class ExperimentForm(FileModel):
     bending: Bending | None = None
     """Of parts of the platform; None: estimated, and zero where the readings do not ask for it."""
     datum: DatumForm | None = None
-    """What the world frame is, for the calibration of the robot; None: as the readings and the robot
-    file have it."""
+    """What the world frame is, for the calibration of the robot; None: as the readings and the
+    robot file have it."""
     instruments: dict[str, AnyInstrument] = Field(min_length=1)
     """Name -> instrument."""
     runs: tuple[RunForm, ...] = Field(min_length=1)

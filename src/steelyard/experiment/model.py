@@ -92,14 +92,14 @@ class Experiment:
     """Whether the mass under ``known`` is an assumption, since nothing weighs the platform: first
     moment and inertia are told in multiples of it."""
     length_noise: float | None = None
-    """1-sigma by which unstrained lengths are off a constant while winches are locked [m]; None: that
-    they are constant is not used."""
+    """1-sigma by which unstrained lengths are off a constant while winches are locked [m]; None:
+    that they are constant is not used."""
     mass_walk: float = 0.0
-    """Density of the random walk of the mass, where something runs out or in, at the centre of gravity
-    [kg/sqrt(s)]; what is known of the mass is that at the beginning. 0: it stays."""
+    """Density of the random walk of the mass, where something runs out or in, at the centre of
+    gravity [kg/sqrt(s)]; what is known of the mass is that at the beginning. 0: it stays."""
     origin: Array = field(default_factory=lambda: np.zeros(3))
-    """Where the origin of the platform frame is in which all was stated, in the one in which it is told
-    here [m], shape (3,)."""
+    """Where the origin of the platform frame is in which all was stated, in the one in which it is
+    told here [m], shape (3,)."""
 
     @classmethod
     def from_frames(
@@ -123,8 +123,8 @@ class Experiment:
         """An experiment of what is in memory; it is checked as a file is.
 
         Every stream is a frame of Polars or pandas, a mapping of names to arrays, or a structured
-        array of NumPy, with the columns of its kind; an array of several columns may stand under the
-        name of its quantity (``tension``, shape (n, m); ``position``, shape (n, 3);
+        array of NumPy, with the columns of its kind; an array of several columns may stand under
+        the name of its quantity (``tension``, shape (n, m); ``position``, shape (n, 3);
         ``orientation``, shape (n, 3, 3) or (n, 4)). Where names or units differ,
         :class:`steelyard.RecordedFrame` says so.
 
@@ -135,8 +135,9 @@ class Experiment:
                 ``window``, ``load``, ``winches``, ``sync``.
             sync: ``auto``: how far the clocks are apart is found from the data; instrument -> time
                 of one common event on its clock [s]; None: the clocks agree within their ``delay``.
-            clocks: Instrument -> name of its clock. Instruments of one clock share its times and its
-                error; so do those that read one and the same frame. Any other has a clock of its own.
+            clocks: Instrument -> name of its clock. Instruments of one clock share its times and
+                its error; so do those that read one and the same frame. Any other has a clock of
+                its own.
             name: Of the experiment.
             known: As in an experiment file.
             loads: The same.
@@ -361,8 +362,9 @@ class Experiment:
         return run.streams[name].time - self.event_times(run)[name] - late
 
     def event_times(self, run: Run) -> Mapping[str, float]:
-        """Instrument -> time on its clock from which a run in motion is counted [s]: that of the common
-        event, or of the first force sample. A run whose samples are others has to be given it.
+        """Instrument -> time on its clock from which a run in motion is counted [s]: that of the
+        common event, or of the first force sample. A run whose samples are others has to be given
+        it.
         """
         if run.sync:
             return run.sync

@@ -45,8 +45,8 @@ def read_experiment(path: str | Path, *, weighed: bool = True) -> Experiment:
 
     Args:
         path: The file; streams and robot file stand relative to it.
-        weighed: Whether a body is to be told by forces; else runs need none, and only what is stated
-            of the robot's uncertainty counts: for its calibration.
+        weighed: Whether a body is to be told by forces; else runs need none, and only what is
+            stated of the robot's uncertainty counts: for its calibration.
 
     Raises:
         InputError: Anything that does not fit the contract; the sentence says where and what to do.

@@ -35,8 +35,9 @@ class Stream:
     """What its times were taken from: streams that name one and the same clock share its times, as
     those of one file do; None: a clock of its own, whatever ``source`` says."""
     off: Mapping[str, Array] = field(default_factory=dict)
-    """Quantity -> how far the numbers of its log are from a rotation: the length of a quaternion from
-    one, a matrix from its inverse's transpose; shape (n,). Only until damaged ones are left out."""
+    """Quantity -> how far the numbers of its log are from a rotation: the length of a quaternion
+    from one, a matrix from its inverse's transpose; shape (n,). Only until damaged ones are left
+    out."""
     mean_of: int = 1
     """Samples that each row is the mean of: its noise is by the root of it less than stated."""
 
@@ -95,7 +96,8 @@ class Run:
     """Whether the times under ``sync`` were found from the data: they are no better known than any
     clock."""
     locked: bool = False
-    """Whether the winches were locked, so that the unstrained lengths of the cables are constant."""
+    """Whether the winches were locked, so that the unstrained lengths of the cables are
+    constant."""
     load: str | None = None
     """What the platform carried, of several loads; None: the first, or there is only one."""
     continues: str | None = None

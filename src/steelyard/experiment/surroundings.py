@@ -31,8 +31,8 @@ KnownVector = tuple[KnownForm, KnownForm, KnownForm]
 
 
 class UnmodelledForm(FileModel):
-    """A wrench on the platform that nothing explains, a Gauss-Markov process in the platform's axes;
-    what is absent is estimated.
+    """A wrench on the platform that nothing explains, a Gauss-Markov process in the platform's
+    axes; what is absent is estimated.
     """
 
     force: NotNegative | None = None

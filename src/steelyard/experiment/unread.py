@@ -64,8 +64,8 @@ def with_unread_cables(experiment: Experiment, *, every: bool = False) -> Experi
 
 
 def with_constant_lengths(experiment: Experiment) -> Experiment:
-    """The experiment in which the lengths of the cables do not change in runs with locked winches, to
-    the noise that is stated of them; the very same where none is.
+    """The experiment in which the lengths of the cables do not change in runs with locked winches,
+    to the noise that is stated of them; the very same where none is.
 
     Args:
         experiment: As it was read.
@@ -98,8 +98,8 @@ def with_constant_lengths(experiment: Experiment) -> Experiment:
 
 
 def without_constant_lengths(experiment: Experiment) -> Experiment:
-    """The experiment in which nothing is said of lengths that nobody reads; the very same where that is
-    so.
+    """The experiment in which nothing is said of lengths that nobody reads; the very same where
+    that is so.
 
     Args:
         experiment: Any.

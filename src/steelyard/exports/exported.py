@@ -43,7 +43,8 @@ class Exported:
     def __post_init__(self) -> None:
         if not _LINK.fullmatch(self.link):
             raise InputError(
-                f"--link: expected a name of letters, digits, '_', '-' and '/', found '{self.link}';"
+                "--link: expected a name of letters, digits, '_', '-' and '/', found"
+                f" '{self.link}';"
                 " choose another"
             )
 

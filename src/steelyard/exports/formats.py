@@ -37,7 +37,10 @@ _LINK = f"link frame = platform frame, {_MATRIX}"
 _BODY = f"body frame = platform frame, {_MATRIX}, order xx yy zz xy xz yz"
 _ROBOT_FILE = f"as 'platform' of a robot file, {_MATRIX}, order xx yy zz yz xz xy"
 _ARRAYS = f"platform frame, {_MATRIX}, order xx yy zz yz xz xy"
-_PRINCIPAL = "platform frame for the flange, mm, principal moments about the centre of gravity and their axes"
+_PRINCIPAL = (
+    "platform frame for the flange, mm, principal moments about the centre of gravity and their"
+    " axes"
+)
 _FLANGE = f"platform frame for the flange, {_MATRIX}"
 
 FORMATS = {

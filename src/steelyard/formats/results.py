@@ -1,4 +1,6 @@
-"""Schemas of what was found: estimates, calibrations, comparisons, inspections, lines of `watch`."""
+"""Schemas of what was found: estimates, calibrations, comparisons, inspections, lines of
+`watch`.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Symmetric matrices in lower banded form: entry (r, c) stands in row r - c of column c.
 
-Those of motions are made of blocks, a function of the spline each, which LAPACK's routines for single
-diagonals do not see: where many columns are asked for, whole blocks are taken at once.
+Those of motions are made of blocks, a function of the spline each, which LAPACK's routines for
+single diagonals do not see: where many columns are asked for, whole blocks are taken at once.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ def solved(factor: Array, right: Array, of_function: int) -> Array:
     """Solution with a banded matrix, shape as of the right-hand side.
 
     Args:
-        factor: Its Cholesky factor, lower banded form, shape (42, N); blocks of a function each that
-            lie further from the diagonal than the band reaches are zero.
+        factor: Its Cholesky factor, lower banded form, shape (42, N); blocks of a function each
+            that lie further from the diagonal than the band reaches are zero.
         right: Shape (N,) or (N, k).
         of_function: Coefficients of one function.
     """
@@ -62,8 +62,8 @@ def _solved_by_blocks(diagonal: Array, below: Array, right: Array) -> Array:
 
 
 def _of_blocks(factor: Array, of_function: int) -> tuple[Array, Array]:
-    """Blocks of a factor on the diagonal, and below each, shape (c, b, b) both; beyond its end there
-    are ones on the diagonal.
+    """Blocks of a factor on the diagonal, and below each, shape (c, b, b) both; beyond its end
+    there are ones on the diagonal.
     """
     width, size = factor.shape
     block = max(width - of_function, of_function)
@@ -74,7 +74,8 @@ def _of_blocks(factor: Array, of_function: int) -> tuple[Array, Array]:
 
 
 def selected_inverse(factor: Array, of_function: int) -> Array:
-    """Parts of the inverse of a banded matrix within its own band, lower banded form, shape (42, N).
+    """Parts of the inverse of a banded matrix within its own band, lower banded form, shape (42,
+    N).
 
     Formed by recursion over blocks of the factor [Takahashi1973]_: linear in the length.
 
@@ -104,8 +105,8 @@ def _blocks(width: int, block: int, count: int) -> tuple[Array, Array]:
     """A matrix of zeros in lower banded form, shape (width, (count + 1) block), and a view of the
     columns of its blocks, each with the block below it, shape (count + 1, 2 block, block).
 
-    Entry (r, c) of a column of blocks stands in row r - c of the band; what is above the diagonal or
-    below the band goes to rows that are not returned.
+    Entry (r, c) of a column of blocks stands in row r - c of the band; what is above the diagonal
+    or below the band goes to rows that are not returned.
     """
     columns = (count + 1) * block
     rows = np.zeros((3 * block, columns))
@@ -127,8 +128,8 @@ def banded_window(band: Array, start: int, width: int) -> Array:
 
 
 def banded_product(band: Array, vector: Array) -> Array:
-    """Product of a symmetric matrix in lower banded form with a vector, shape (n,), or with columns,
-    shape (n, c).
+    """Product of a symmetric matrix in lower banded form with a vector, shape (n,), or with
+    columns, shape (n, c).
     """
     # The routine takes no matrix that is narrower than its band.
     inside = min(band.shape)
@@ -139,7 +140,8 @@ def banded_product(band: Array, vector: Array) -> Array:
 
 
 def banded_square(columns: Array, width: int) -> Array:
-    """Product of a matrix with its own transpose within a band, lower banded form, shape (width, n).
+    """Product of a matrix with its own transpose within a band, lower banded form, shape (width,
+    n).
 
     Args:
         columns: Shape (n, c).

@@ -115,15 +115,16 @@ def _of_others(
         apart = float(off @ np.linalg.solve(covariance[use, use], off))
         if other.cost < best.cost + limit and apart > limit:
             yield (
-                "another body has these natural frequencies nearly as well, with modes that were not"
+                "another body has these natural frequencies nearly as well, with modes that were"
+                " not"
                 " seen in other places; add rows, or all frequencies of a row"
             )
             return
 
 
 def _first_bodies(experiment: Experiment) -> list[Inertia]:
-    """Where to begin: the nominal platform with the mass that is known or assumed, and bodies of the
-    size of the platform about the middle of its attachments and below.
+    """Where to begin: the nominal platform with the mass that is known or assumed, and bodies of
+    the size of the platform about the middle of its attachments and below.
     """
     mass, robot = experiment.known["mass"][0], experiment.robot
     radius = plausible_radius(robot)
@@ -145,10 +146,11 @@ def _first_bodies(experiment: Experiment) -> list[Inertia]:
 
 
 def _fitted(experiment: Experiment, start: Inertia, size: float) -> _Found:
-    """The body nearest to what was seen; over bodies that can exist, by their log-Cholesky parameters [Rucker2022]_ without the first, which is the mass.
+    """The body nearest to what was seen; over bodies that can exist, by their log-Cholesky
+    parameters [Rucker2022]_ without the first, which is the mass.
 
-    What errors of the geometry add to the noise changes slowly with the body: it is held in a search,
-    taken anew at its end, and searched on from there.
+    What errors of the geometry add to the noise changes slowly with the body: it is held in a
+    search, taken anew at its end, and searched on from there.
     """
     first, sizes = start.log_cholesky, plausible(start.parameters, size)
     count = sum(len(each.frequency) for each in experiment.frequencies)

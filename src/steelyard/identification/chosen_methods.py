@@ -31,8 +31,8 @@ ALL = "all"
 
 
 def default_methods(experiment: Experiment) -> tuple[str, ...]:
-    """The best there is, with the usual regression beside it: the two steps of the paper, or without
-    forces that on what the cables cannot carry.
+    """The best there is, with the usual regression beside it: the two steps of the paper, or
+    without forces that on what the cables cannot carry.
     """
     if not experiment.runs:
         return (MaximumLikelihood.name,)

@@ -33,8 +33,8 @@ class KnownBody(NamedTuple):
     """What is known beforehand of one of the loads."""
 
     place: slice | None
-    """Where what it is more than the first load stands among the calibration parameters; None: it is
-    the first."""
+    """Where what it is more than the first load stands among the calibration parameters; None: it
+    is the first."""
     precision: Array
     """Of its ten linear parameters, shape (10, 10)."""
     gradient: Array
@@ -83,8 +83,8 @@ def known_body(
     """Precision of what is known about the body beforehand, and its pull, shapes (10, 10) and
     (10,).
 
-    That it is not much larger than its robot, what natural frequencies tell that somebody has seen, and
-    what the user knows. Without the former an
+    That it is not much larger than its robot, what natural frequencies tell that somebody has seen,
+    and what the user knows. Without the former an
     inertia that the data do not tell may grow until unseen vibrations explain all torques with it.
 
     Args:

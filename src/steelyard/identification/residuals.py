@@ -104,8 +104,8 @@ def of_motion(posterior: Posterior, sources: Container[Source]) -> Iterator[Resi
 
 
 def of_forces(posterior: Posterior) -> Iterator[Residuals]:
-    """The wrench on the platform and the readings of the force instruments beside what a fit says of
-    them, run by run.
+    """The wrench on the platform and the readings of the force instruments beside what a fit says
+    of them, run by run.
 
     Args:
         posterior: The fit.
@@ -263,8 +263,8 @@ def _motion(
     state: FitState,
     sources: Container[Source] | None = None,
 ) -> Iterator[Residuals]:
-    """Readings of the motion instruments, each quantity over all segments of the run; of all sources
-    where none are named.
+    """Readings of the motion instruments, each quantity over all segments of the run; of all
+    sources where none are named.
     """
     calibration, levels = state.calibration, state.factors
     nowhere = np.full(len(calibration.calibration_parameters), -1)

@@ -47,8 +47,8 @@ class Elsewhere:
     def call(
         self, work: Callable[..., Any], *arguments: Any, progress: Progress
     ) -> Callable[[], Any]:
-        """The result of something else, once it is there; where there is no other process it is made
-        here and now.
+        """The result of something else, once it is there; where there is no other process it is
+        made here and now.
 
         Args:
             work: A function of a module.

@@ -94,8 +94,8 @@ class Tally:
 
 
 def median(values: Array) -> float:
-    """Of all numbers, of which there must be one; of few it is found sooner than by NumPy's, which is
-    made for many axes.
+    """Of all numbers, of which there must be one; of few it is found sooner than by NumPy's, which
+    is made for many axes.
     """
     flat = values.ravel()
     middle = (flat.size - 1) // 2, flat.size // 2

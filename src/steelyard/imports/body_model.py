@@ -150,7 +150,8 @@ def _bodies(body: Element, place: _Pose) -> Iterator[tuple[str, Inertia]]:
         yield name, _moved(inertial, mass, J, _within(place, _pose(inertial)))
     elif body.all("geom"):
         raise body.error(
-            "expected 'inertial' in a body with shapes, found none: what MuJoCo takes from shapes is"
+            "expected 'inertial' in a body with shapes, found none: what MuJoCo takes from shapes"
+            " is"
             " not in the file; write it there ('inertiafromgeom', save the compiled model)"
         )
     for inner in body.all("body"):

@@ -141,8 +141,8 @@ def read_xml(path: Path) -> Element:
     """Read an XML file.
 
     Raises:
-        InputError: It is not there, not a regular file, too large, not XML, or has entities or lists
-            of attributes of its own.
+        InputError: It is not there, not a regular file, too large, not XML, or has entities or
+            lists of attributes of its own.
     """
     require_file(path)
     if path.stat().st_size > _LARGEST_FILE:

@@ -90,8 +90,8 @@ def unexplained(
 
 
 def _relation(excerpt: Excerpt) -> Relation | None:
-    """The account of the motion to go by: an accelerometer reads what accelerates the platform, others
-    only where it is.
+    """The account of the motion to go by: an accelerometer reads what accelerates the platform,
+    others only where it is.
     """
     relations = [r for r in force_relations(excerpt) if has_body(r)]
     by_accelerometer = [r for r in relations if any(q == "specific_force" for _, q in r[1])]

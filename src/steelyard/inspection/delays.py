@@ -153,8 +153,8 @@ def _best(view: Excerpt, names: tuple[str, ...], settings: DelaySettings) -> Del
 
 
 def _relations(view: Excerpt, names: tuple[str, ...]) -> list[Relation]:
-    """What a clock can be compared with: the forces where its readings are enough to know the motion
-    by, else its fellows.
+    """What a clock can be compared with: the forces where its readings are enough to know the
+    motion by, else its fellows.
     """
     own = [
         r

@@ -1,5 +1,5 @@
-"""What is identifiable from a recording, by the information of all of its readings: the ten of the body,
-and every systematic error.
+"""What is identifiable from a recording, by the information of all of its readings: the ten of the
+body, and every systematic error.
 """
 
 from __future__ import annotations

@@ -255,7 +255,9 @@ def _of_weights(experiment: Experiment) -> list[str]:
 def _of_swings(
     runs: Sequence[Run], modes: Sequence[ExcitedMode], joint: Posterior | None
 ) -> Iterator[str]:
-    """Winches that have turned though they are said to be locked, and runs in which nothing swings."""
+    """Winches that have turned though they are said to be locked, and runs in which nothing
+    swings.
+    """
     if joint is not None:
         for samples in joint.samples:
             yield from turned_winches(joint.experiment, samples)

@@ -55,8 +55,8 @@ def misplaced(
     tests: Sequence[Mapping[str, Any]],
     settings: PlaceSettings = PLACES,
 ) -> Misplaced | None:
-    """The instrument whose place a fit contradicts most of all numbers of the description; None where
-    it is another number that it contradicts, or none.
+    """The instrument whose place a fit contradicts most of all numbers of the description; None
+    where it is another number that it contradicts, or none.
 
     Args:
         experiment: That was fitted.

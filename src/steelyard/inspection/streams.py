@@ -152,8 +152,8 @@ def _quantity(
 
 
 def white_noise(stream: Stream, quantity: str, settings: StreamSettings = STREAMS) -> float | None:
-    """1-sigma of samples of a vector about their neighbours, at rest or not; None where there are too
-    few, or where it is no white noise, so that neighbours do not show all of it.
+    """1-sigma of samples of a vector about their neighbours, at rest or not; None where there are
+    too few, or where it is no white noise, so that neighbours do not show all of it.
 
     Args:
         stream: Of an instrument.

@@ -207,8 +207,9 @@ def _projected(time: Array, motion: Array, rates: Array) -> _Projected:
 
 
 def swing_spectrum(experiment: Experiment, run: Run) -> tuple[Array, Array] | None:
-    """Frequencies [Hz] and amplitudes of the motion of a run [m], all components of the pose together
-    at the platform's radius, shape (k,) each; None where it is too short, or nothing tells it.
+    """Frequencies [Hz] and amplitudes of the motion of a run [m], all components of the pose
+    together at the platform's radius, shape (k,) each; None where it is too short, or nothing tells
+    it.
 
     Args:
         experiment: With the run.

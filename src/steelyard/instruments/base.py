@@ -141,8 +141,8 @@ class Quantity:
     unit: str
     """SI unit of its columns (of angles, where a rotation is given by angles)."""
     noise: float | None
-    """White, 1-sigma per sample and axis; None: not stated. Of a rotation: of the rotation vector on
-    its right [rad]."""
+    """White, 1-sigma per sample and axis; None: not stated. Of a rotation: of the rotation vector
+    on its right [rad]."""
     rotation: bool = False
     """Whether it is a rotation, shape (3, 3); else a vector."""
     required: bool = True
@@ -233,8 +233,8 @@ class Calibration(FileModel):
     delay: Prior | None = None
     """Of its clock against the common time [s]; None: not stated."""
     jitter: Sigma | None = None
-    """Time stamps are late by the absolute value of a normal number of this 1-sigma, each [s]; None:
-    not stated."""
+    """Time stamps are late by the absolute value of a normal number of this 1-sigma, each [s];
+    None: not stated."""
 
 
 class ForceCalibration(Calibration):
@@ -300,8 +300,8 @@ class Instrument(FileModel, ABC):
     """Column of the contract -> column that it is read from in all runs, on top of what its streams
     say: what is exchanged in every log."""
     scale: Scale = 1.0
-    """What its columns are multiplied by in all runs, on top of what its streams say: one factor, or
-    column of the contract -> factor; -1 where a sign is turned."""
+    """What its columns are multiplied by in all runs, on top of what its streams say: one factor,
+    or column of the contract -> factor; -1 where a sign is turned."""
 
     def factor(self, column: str) -> float:
         """What a column of the contract is multiplied by, after what its stream says."""

@@ -1,5 +1,6 @@
-"""Measurement equations over samples: forwards as they are stated, backwards where they are linear in
-what is sought, about a motion, and how what was found backwards follows all that it was found from.
+"""Measurement equations over samples: forwards as they are stated, backwards where they are linear
+in what is sought, about a motion, and how what was found backwards follows all that it was found
+from.
 """
 
 from __future__ import annotations
@@ -300,8 +301,8 @@ def sensitivity(
         asked: Those by which there are derivatives; None: all.
 
     Returns:
-        Derivative by the readings, shape (n, k, k), by the systematic errors, shape (n, k, e), and by
-        what the rollers remember, shape (n, k, m), where that is part of the state.
+        Derivative by the readings, shape (n, k, k), by the systematic errors, shape (n, k, e), and
+        by what the rollers remember, shape (n, k, m), where that is part of the state.
     """
     batched, inputs = sensitivity_of(
         unknown, instrument, robot, quantities, "rolling" in state, asked
@@ -319,8 +320,8 @@ def follows_readings(
     state: Mapping[str, Array],
     calibration: Mapping[str, Array],
 ) -> Array:
-    """How what :func:`solve_for` gives follows the readings alone, shape (n, k, k), or (1, k, k) where
-    it is the same for all samples; arguments as of :func:`sensitivity`.
+    """How what :func:`solve_for` gives follows the readings alone, shape (n, k, k), or (1, k, k)
+    where it is the same for all samples; arguments as of :func:`sensitivity`.
     """
     form = inversion_of(unknown, instrument, robot, quantities, "rolling" in state).inverse
     k = state[unknown].shape[1]

@@ -36,18 +36,20 @@ class LengthCalibration(Calibration):
     gain: Prior = exact()
     """Factor on each cable: the circumference of its drum; default: exact."""
     stretch: Prior = exact()
-    """Factor on the stretch of all cables: 1 / EA over that of the robot file; not stated: 0.1 where
-    tensions are read and the robot file has an axial stiffness, else exact."""
+    """Factor on the stretch of all cables: 1 / EA over that of the robot file; not stated: 0.1
+    where tensions are read and the robot file has an axial stiffness, else exact."""
     damping: Prior = exact()
     """Two times by which the stretch of the cables lags behind their tension [s], a damping over a
     stiffness each: of a stretch that changes as the tension does, and of one that is fed, which a
-    damper between winch and platform feels and a rope that is damped in itself does not. The stretch
-    is that of ``T - a T' - b T l'/l``. Not stated: 0.02 where the stretch is not exact, in motion."""
+    damper between winch and platform feels and a rope that is damped in itself does not. The
+    stretch is that of ``T - a T' - b T l'/l``. Not stated: 0.02 where the stretch is not exact, in
+    motion."""
     roller: Prior = exact()
-    """By how much the radius of each roller is larger than in the robot file [m]; default: exact."""
+    """By how much the radius of each roller is larger than in the robot file [m]; default:
+    exact."""
     roller_axis: Prior = exact()
-    """By how much the ``axis`` about which each roller swivels leans from that of the robot file, along
-    two directions square to it, cable after cable [rad]; default: exact."""
+    """By how much the ``axis`` about which each roller swivels leans from that of the robot file,
+    along two directions square to it, cable after cable [rad]; default: exact."""
 
 
 class Length(Instrument):

@@ -14,7 +14,8 @@ from pydantic import AfterValidator, Discriminator, Field, Tag
 from steelyard.files.file_model import FileModel
 
 _LEAST_SIGMA = 1e-30
-"""In any unit: squares of smaller ones, and of what is divided by them, leave the range of numbers."""
+"""In any unit: squares of smaller ones, and of what is divided by them, leave the range of
+numbers."""
 
 
 def _possible(sigma: float) -> float:
@@ -81,7 +82,9 @@ def white_part(noise: float | ColoredNoise | None) -> float | None:
 def with_colored_part(
     noise: float | ColoredNoise | None, *others: Disturbance | None
 ) -> tuple[Disturbance, ...]:
-    """All that is stated of a quantity: the coloured part of its noise, and others that are there."""
+    """All that is stated of a quantity: the coloured part of its noise, and others that are
+    there.
+    """
     found = [each for each in others if each is not None]
     if isinstance(noise, ColoredNoise) and (noise.colored is not None or noise.time is not None):
         found.insert(0, Disturbance("colored", noise.colored, noise.time))

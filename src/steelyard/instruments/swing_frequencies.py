@@ -1,5 +1,5 @@
-"""Natural frequencies of free swinging, by a stop-watch or from a spectrum: rows of a table, without
-time.
+"""Natural frequencies of free swinging, by a stop-watch or from a spectrum: rows of a table,
+without time.
 """
 
 from __future__ import annotations

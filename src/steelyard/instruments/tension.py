@@ -72,14 +72,14 @@ class TensionCalibration(ForceCalibration):
     """Part of the tension that the roller between sensor and platform takes; None: .02 at the
     winch, where there is one."""
     presliding: Prior | None = None
-    """Travel of the cable over which that builds up after it has turned around [m]; None: .003 about
-    .003 at the winch."""
+    """Travel of the cable over which that builds up after it has turned around [m]; None: .003
+    about .003 at the winch."""
     presliding_start: Prior | None = None
     """How far it has built up where a run begins, from -1 to 1; None: 0 +- .6 in every run at the
     winch, since nobody knows how a robot came to be where it is."""
     viscous: Prior | None = None
-    """Resistance of the roller to its rate [N s/m]; None: none at the winch, unless the readings ask
-    for it."""
+    """Resistance of the roller to its rate [N s/m]; None: none at the winch, unless the readings
+    ask for it."""
 
 
 class Tension(Instrument):
@@ -243,8 +243,8 @@ def rolled(
     r"""How far the friction of rollers builds up along a motion, how that follows the travel over
     which it does so [1/m], and how it follows what it was, shape (n, m) each.
 
-    :math:`\mathrm{d}z / \mathrm{d}l = (1 - z \operatorname{sgn} \dot l) / s` (Dahl [Dahl1968]_), exact
-    where a cable runs one way between samples.
+    :math:`\mathrm{d}z / \mathrm{d}l = (1 - z \operatorname{sgn} \dot l) / s` (Dahl [Dahl1968]_),
+    exact where a cable runs one way between samples.
 
     Args:
         lengths: Of the cables, one sample after the other [m], shape (n, m).
@@ -297,9 +297,9 @@ def rolled_along(
         errors: Systematic errors of :class:`Tension`. What an estimate takes the travel for may be
             negative, which is none: so it is smooth from one to the other.
         before: What they remember of before; None: the run begins.
-        geometry: ``anchors`` and ``attachments`` as they are believed to be [m], shape (3 m,) each: some
-            tenths of a millimetre decide whether a cable that nearly stops turns around; None: those
-            of the robot.
+        geometry: ``anchors`` and ``attachments`` as they are believed to be [m], shape (3 m,) each:
+            some tenths of a millimetre decide whether a cable that nearly stops turns around; None:
+            those of the robot.
     """
     lengths = cables_at(robot.with_straight_cables(), position, rotation, np.ones(robot.m)).length
     if geometry is not None:

@@ -23,8 +23,9 @@ PER_CABLE = frozenset({"tension", "length", CHANGE})
 COMPLIANCE = "compliance"
 """Key of 1 / EA of the cables of locked winches."""
 _SOFTEST = 1e-4
-"""1-sigma of that [1/N]: thin ropes of polyamide. What a robot file says of it is where to begin: it
-is the softness of what the winch is fixed to, too, and goes with the mass where one is assumed."""
+"""1-sigma of that [1/N]: thin ropes of polyamide. What a robot file says of it is where to begin:
+it is the softness of what the winch is fixed to, too, and goes with the mass where one is
+assumed."""
 _ANY_LENGTH = 100.0
 """1-sigma of the length of a cable [m]: it is told by the motion alone."""
 
@@ -62,8 +63,8 @@ class UnreadCables(Instrument):
 
 
 class ConstantLengths(Instrument):
-    """Stands in for encoders of locked winches: the unstrained length of every cable is the same all
-    along a run. No file names it; see ``uncertainty: {length_noise: …}``.
+    """Stands in for encoders of locked winches: the unstrained length of every cable is the same
+    all along a run. No file names it; see ``uncertainty: {length_noise: …}``.
 
     How far cables stretch is told by the motion. Taken as known it would not be safe: a stretch of
     half a millimetre that nobody has stated makes the inertia per mass wrong by 4 %.
@@ -106,7 +107,9 @@ class ConstantLengths(Instrument):
     def predict(
         self, state: State, calibration: Mapping[str, Symbol], robot: Robot
     ) -> dict[str, Symbol]:
-        """By how much unstrained lengths differ from the constant ones, as a length is predicted."""
+        """By how much unstrained lengths differ from the constant ones, as a length is
+        predicted.
+        """
         stretching = replace(robot, cable=replace(robot.cable, axial_stiffness=1.0))
         own = {
             "gain": 1.0,

@@ -69,8 +69,8 @@ class Weight(Instrument):
 def _under_weights(
     cells: Instrument, pulls: Symbol, calibration: Mapping[str, Symbol], robot: Robot
 ) -> Symbol:
-    """What the cells read at rest, each with a pull of its own; their cables and the weight of these
-    are not there, shape (m,).
+    """What the cells read at rest, each with a pull of its own; their cables and the weight of
+    these are not there, shape (m,).
     """
     none = ca.SX(3, 1)
     at_rest = State(

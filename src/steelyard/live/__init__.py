@@ -1,1 +1,3 @@
-"""The estimate while the robot moves: samples that arrive from elsewhere, and what they tell so far."""
+"""The estimate while the robot moves: samples that arrive from elsewhere, and what they tell so
+far.
+"""

@@ -135,8 +135,8 @@ def part_of(stream: Stream, which: slice | np.ndarray) -> Stream:
 
 
 def joined(streams: Iterable[Stream]) -> Stream:
-    """Samples of several streams of one instrument, one after the other; NaN where one has no sample
-    of a quantity that another has.
+    """Samples of several streams of one instrument, one after the other; NaN where one has no
+    sample of a quantity that another has.
     """
     each = list(streams)
     if len(each) == 1:

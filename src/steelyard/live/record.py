@@ -29,8 +29,8 @@ class Record:
     load: str
     """What the platform carries."""
     value: Array
-    """The ten of :data:`steelyard.inertia.BODY_PARAMETERS`, NaN where the data do not tell it, shape
-    (10,)."""
+    """The ten of :data:`steelyard.inertia.BODY_PARAMETERS`, NaN where the data do not tell it,
+    shape (10,)."""
     deviation: Array
     """1-sigma of these, shape (10,)."""
     accepted: bool | None

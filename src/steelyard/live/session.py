@@ -54,8 +54,8 @@ class Session:
     paused: float | None = None
     """Since when forces or motion have been missing [s]; None: they are there."""
     due: float | None = None
-    """Common time until which samples must have arrived before a beginning is tried again [s]; None:
-    none was tried."""
+    """Common time until which samples must have arrived before a beginning is tried again [s];
+    None: none was tried."""
     why: str = ""
     """Why it was none."""
     judged: float = -np.inf
@@ -195,8 +195,8 @@ class Session:
         return replace(self, following=resumed, paused=None)
 
     def _relieved(self) -> Session:
-        """After what the row of the last chunk does not wait for: its oldest chunk leaves the window,
-        and all that was seen is judged where it is time.
+        """After what the row of the last chunk does not wait for: its oldest chunk leaves the
+        window, and all that was seen is judged where it is time.
         """
         following, before = self.following, self.before
         if following is None or before is None:
@@ -215,8 +215,8 @@ class Session:
         return replace(found, judged=now, estimate=estimate)
 
     def _ended(self, before: Following, ended: Following) -> Session:
-        """With the motion ended before a chunk that tells nothing: it is followed again once forces and
-        motion are there.
+        """With the motion ended before a chunk that tells nothing: it is followed again once forces
+        and motion are there.
 
         Args:
             before: Without that chunk.

@@ -24,7 +24,8 @@ class LiveSettings:
     judged: float = 5.0
     """Between two verdicts [s]: each asks all that was seen so far."""
     again: float = 2.0
-    """Length of forces and motion after which a motion goes on that was not seen for a while [s]."""
+    """Length of forces and motion after which a motion goes on that was not seen for a while
+    [s]."""
     wanted: tuple[tuple[str, float], ...] = ()
     """Body parameter and the 1-sigma of it until which the time is foreseen."""
     parts: int = 60

@@ -17,8 +17,8 @@ from steelyard.robot.model import Limits, Robot
 from steelyard.robot.tension import distribute
 
 _WEAK = 0.05
-"""Singular value of a structure matrix, over the largest, of tensions that hardly pull together: what a
-pose lacks would make them large, and push cables."""
+"""Singular value of a structure matrix, over the largest, of tensions that hardly pull together:
+what a pose lacks would make them large, and push cables."""
 
 
 @dataclass(frozen=True)
@@ -187,9 +187,9 @@ def commanded_tensions(
 def nearest_tensions(
     robot: Robot, trajectory: Trajectory, times: Array, *, still: bool = False
 ) -> Array:
-    """Tensions of fewer than six cables that come nearest to moving the nominal platform as commanded
-    [N], shape (n, m): forces and, in units of the platform's size, torques by least squares, the most
-    even of those that are about as near.
+    """Tensions of fewer than six cables that come nearest to moving the nominal platform as
+    commanded [N], shape (n, m): forces and, in units of the platform's size, torques by least
+    squares, the most even of those that are about as near.
 
     Args:
         robot: With a nominal platform.
@@ -212,8 +212,11 @@ def nearest_tensions(
         off = np.maximum(low - tensions[first], tensions[first] - high)
         which = int(np.argmax(off))
         raise InfeasibleError(
-            f"at {times[first]:.2f} s of the trajectory: expected tensions within {low:g} to {high:g} N"
-            f" that carry the platform, found {tensions[first, which]:.4g} N of cable {which + 1}; move"
+            f"at {times[first]:.2f} s of the trajectory: expected tensions within {low:g} to"
+            f" {high:g}"
+            " N"
+            f" that carry the platform, found {tensions[first, which]:.4g} N of cable {which + 1};"
+            " move"
             " nearer to the middle, more slowly, or tilt less",
             first,
         )
@@ -228,8 +231,8 @@ def winch_tensions(
     still: bool = False,
     level: float | None = None,
 ) -> Array:
-    """Tensions at which winches aim for a command [N], shape (n, m): :func:`commanded_tensions` where
-    the cables hold any pose, else :func:`nearest_tensions`. Arguments and errors as of these.
+    """Tensions at which winches aim for a command [N], shape (n, m): :func:`commanded_tensions`
+    where the cables hold any pose, else :func:`nearest_tensions`. Arguments and errors as of these.
     """
     if robot.holds_any_pose:
         return commanded_tensions(robot, trajectory, times, still=still, level=level)
@@ -239,8 +242,8 @@ def winch_tensions(
 def _balance(
     robot: Robot, trajectory: Trajectory, times: Array, *, still: bool
 ) -> tuple[Array, Array]:
-    """Structure matrices of straight cables, shape (n, 6, m), and the wrench on the nominal platform,
-    shape (n, 6), along a command; arguments as of :func:`commanded_tensions`.
+    """Structure matrices of straight cables, shape (n, 6, m), and the wrench on the nominal
+    platform, shape (n, 6), along a command; arguments as of :func:`commanded_tensions`.
 
     Raises:
         InfeasibleError: There is no nominal platform.

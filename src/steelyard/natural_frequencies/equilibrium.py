@@ -167,8 +167,8 @@ def _lowest(rigid: Robot, body: Inertia, lengths: Array, start: Place) -> Equili
 def _stretched(
     robot: Robot, body: Inertia, lengths: Array, found: Equilibrium
 ) -> Equilibrium | None:
-    """The same on straight springs, by the least of the energy: more than six cables share what they
-    carry by how they stretch.
+    """The same on straight springs, by the least of the energy: more than six cables share what
+    they carry by how they stretch.
     """
     rigid, ones = rigid_cables(robot), np.ones(robot.m)
     assert robot.cable.axial_stiffness is not None  # frequencies() has made sure

@@ -117,9 +117,9 @@ def hung_on(robot: Robot, cables: NDArray[np.intp]) -> Robot:
 
 
 def _equations(robot: Robot, body: Inertia) -> Any:
-    """Of a state (position, quaternion, velocity along the axes of the world, angular velocity along
-    those of the platform) to one vector: the matrix, column by column, and the right side of the
-    equations for velocity's and angular velocity's rates and the tensions, and the rate of the
+    """Of a state (position, quaternion, velocity along the axes of the world, angular velocity
+    along those of the platform) to one vector: the matrix, column by column, and the right side of
+    the equations for velocity's and angular velocity's rates and the tensions, and the rate of the
     quaternion.
     """
     x, unknown = ca.SX.sym("x", 13), ca.SX.sym("unknown", DIRECTIONS + robot.m)

@@ -154,8 +154,8 @@ def _with_geometry(
 
 
 def _body(robot: Robot, body: Inertia | Estimate | None) -> tuple[Inertia, Array | None, bool]:
-    """The body, the covariance of its ten parameters where there is one, shape (10, 10), and whether
-    its mass is known; else it is one of a kilogram.
+    """The body, the covariance of its ten parameters where there is one, shape (10, 10), and
+    whether its mass is known; else it is one of a kilogram.
     """
     if body is None:
         if robot.platform is None:

@@ -1,8 +1,8 @@
 """A body on cables of constant length: what acts on it about a pose, and how that changes with the
 pose and the tensions.
 
-Small changes of the pose are a displacement of the platform origin along the axes of the world and a
-rotation vector in the platform frame.
+Small changes of the pose are a displacement of the platform origin along the axes of the world and
+a rotation vector in the platform frame.
 """
 
 from __future__ import annotations
@@ -112,8 +112,8 @@ def _fixed(robot: Robot) -> tuple[Any, ...]:
 
 @lru_cache(maxsize=16)
 def _function(alike: _Alike) -> Batched:
-    """Of anchors, attachments, pose, its change, tensions, mass and centre of gravity to the parts of
-    :class:`HangingForces`.
+    """Of anchors, attachments, pose, its change, tensions, mass and centre of gravity to the parts
+    of :class:`HangingForces`.
     """
     robot = alike.robot
     # Flat, since a matrix of one column, of a single cable, is a column to those who evaluate.

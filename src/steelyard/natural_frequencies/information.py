@@ -86,8 +86,8 @@ def noise_of(experiment: Experiment) -> Array:
 
 
 def check_predictable(experiment: Experiment, body: Inertia) -> int:
-    """The largest number of modes with which a body swings in a row; refuses rows at which it cannot
-    hang.
+    """The largest number of modes with which a body swings in a row; refuses rows at which it
+    cannot hang.
 
     Raises:
         InputError: With the row, and why.

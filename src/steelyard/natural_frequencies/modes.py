@@ -186,7 +186,8 @@ def sensitivity(found: NaturalModes) -> Array:
                 sides.append(_near(cables, near, found.lengths, start))
             slopes[:, i] = (sides[0] - sides[1]) / (2 * step)
         else:
-            # Where a body hangs does not ask for its inertia, and the kinetic energy is linear in it.
+            # Where a body hangs does not ask for its inertia, and the kinetic energy is linear in
+            # it.
             other = mass_matrix(_with(value, i, step), rest.place.rotation)
             kinetic = np.einsum("ik,ij,jk->k", ways, (other - mass) / step, ways)
             slopes[:, i] = -hertz / 2 * kinetic
@@ -240,8 +241,8 @@ def _modes(robot: Robot, body: Inertia, rest: Equilibrium) -> tuple[Array, tuple
 
 
 def _swings(robot: Robot, body: Inertia, rest: Equilibrium) -> tuple[Array, Array]:
-    """Frequencies [Hz], ascending, shape (k,), and the changes of the pose in each mode, of which the
-    mass matrix makes 1, shape (6, k).
+    """Frequencies [Hz], ascending, shape (k,), and the changes of the pose in each mode, of which
+    the mass matrix makes 1, shape (6, k).
     """
     at = forces(robot, body, rest.place, rest.tension, np.zeros(6))
     taut = rest.taut
@@ -275,7 +276,9 @@ def _size(robot: Robot) -> float:
 
 
 def _shape(change: Array, rotation: Array, size: float) -> Array:
-    """A change of the pose along the axes of the world, of unit length, its largest part positive."""
+    """A change of the pose along the axes of the world, of unit length, its largest part
+    positive.
+    """
     twist = np.concatenate([change[:3], rotation @ change[3:]])
     scaled = twist * np.array([1.0] * 3 + [size] * 3)
     largest = scaled[np.argmax(np.abs(scaled))]

@@ -91,8 +91,8 @@ def results_file(target: Path, *, force: bool) -> Iterator[Path]:
 
 @contextmanager
 def _workshop(folder: Path) -> Iterator[tuple[Workshop, list[Path]]]:
-    """A hidden folder in a folder, gone in the end, and what had to be made of the folder; that goes
-    too where the block fails.
+    """A hidden folder in a folder, gone in the end, and what had to be made of the folder; that
+    goes too where the block fails.
     """
     made = [each for each in (folder, *folder.parents) if not each.exists()]
     if made:
@@ -139,7 +139,9 @@ def _synchronise_made(made: list[Path]) -> None:
 
 @contextmanager
 def _named(target: Path, *, folder: bool) -> Iterator[None]:
-    """Name the place that was asked for in errors instead of the hidden one that stands in for it."""
+    """Name the place that was asked for in errors instead of the hidden one that stands in for
+    it.
+    """
     try:
         yield
     except OSError as error:

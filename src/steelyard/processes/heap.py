@@ -1,8 +1,8 @@
 """Memory that the C library keeps though nobody uses it: as much as serves, and no more.
 
-Where values that stay are made between large ones that come and go, its heap is full of holes that it
-keeps for later; the process then grows for hours though what it holds does not. Where it keeps nothing,
-every matrix is memory that the system has to find, and to fill with zeros, anew.
+Where values that stay are made between large ones that come and go, its heap is full of holes that
+it keeps for later; the process then grows for hours though what it holds does not. Where it keeps
+nothing, every matrix is memory that the system has to find, and to fill with zeros, anew.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ def give_back() -> None:
 
 
 def keep_for_reuse() -> None:
-    """Keep what matrices leave behind for the next ones, as the C library does by itself (glibc) where
-    nobody has said otherwise: workers of Dask begin with ``MALLOC_TRIM_THRESHOLD_``, and take a third
-    longer with it.
+    """Keep what matrices leave behind for the next ones, as the C library does by itself (glibc)
+    where nobody has said otherwise: workers of Dask begin with ``MALLOC_TRIM_THRESHOLD_``, and take
+    a third longer with it.
     """
     library = _library()
     if library is not None and hasattr(library, "mallopt"):

@@ -48,7 +48,8 @@ def result_of(future: Future[Any]) -> Any:
         return future.result()
     except BrokenProcessPool:
         raise InputError(
-            "--jobs: expected processes that work to the end, found that one was killed (out of memory,"
+            "--jobs: expected processes that work to the end, found that one was killed (out of"
+            " memory,"
             " perhaps); choose a smaller number"
         ) from None
 

@@ -85,7 +85,8 @@ def _changes(known: FileHash, folder: Path, what: str) -> Iterator[str]:
     found = hash_of(path, folder)
     if found.sha256 != known.sha256:
         sizes = f"{found.size} bytes, was {known.size}"
-        yield f"{what} {known.file}: has changed (SHA-256 {found.sha256[:12]}…, was {known.sha256[:12]}…; {sizes})"
+        hashes = f"SHA-256 {found.sha256[:12]}…, was {known.sha256[:12]}…"
+        yield f"{what} {known.file}: has changed ({hashes}; {sizes})"
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,8 @@ class Repetition:
     """How many were compared."""
     same_bits: bool
     largest: float
-    """Difference, in units of the 1-sigma where a number has one, else of a thousand times itself."""
+    """Difference, in units of the 1-sigma where a number has one, else of a thousand times
+    itself."""
     where: str
     """Of the largest difference; empty: there is none."""
 

@@ -76,7 +76,8 @@ def write_pdf(page: Path, pdf: Path, browser: str, *, patience: float = _PATIENC
             subprocess.run(command, capture_output=True, timeout=patience, check=False)
         except subprocess.TimeoutExpired:
             raise InputError(
-                f"--pdf: expected {Path(browser).name} to print within {patience:g} s, found that it"
+                f"--pdf: expected {Path(browser).name} to print within {patience:g} s, found that"
+                " it"
                 " did not; open the HTML page in a browser and print it"
             ) from None
         except OSError as error:
@@ -87,6 +88,7 @@ def write_pdf(page: Path, pdf: Path, browser: str, *, patience: float = _PATIENC
     if not pdf.is_file() or not pdf.read_bytes().startswith(b"%PDF-"):
         pdf.unlink(missing_ok=True)
         raise InputError(
-            f"--pdf: expected a PDF file from {Path(browser).name}, found none; open the HTML page in"
+            f"--pdf: expected a PDF file from {Path(browser).name}, found none; open the HTML page"
+            " in"
             " a browser and print it"
         )

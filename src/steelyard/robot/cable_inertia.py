@@ -83,7 +83,9 @@ def cable_inertia_wrench(
     alpha: Array,
     gravity: Array,
 ) -> Array:
-    """:func:`cable_inertia_expression` over samples, arrays with samples on axis 0; shape (n, 6)."""
+    """:func:`cable_inertia_expression` over samples, arrays with samples on axis 0; shape (n,
+    6).
+    """
     return _batched(robot)(
         position=position,
         rotation=rotation,

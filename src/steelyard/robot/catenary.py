@@ -8,7 +8,8 @@ vertical part has grown to V + w s. With T and T' the tensions at the two ends, 
 w L / 2 M, the difference of inverse hyperbolic sines in Eq. (1.19) is 2 artanh u, and Eq. (1.19),
 (1.20) read
 
-.. math:: x = H L (c + \frac{\operatorname{artanh} u}{u M}), \qquad z = (V + w L / 2) L (c + \frac{1}{M}),
+.. math:: x = H L (c + \frac{\operatorname{artanh} u}{u M}), \qquad z = (V + w L / 2) L (c +
+\frac{1}{M}),
 
 with c = 1 / EA. Nothing cancels in them, however light the cable. That M is the mean of the
 tensions of these forces is the one condition left between M and L, so a cable of which either is

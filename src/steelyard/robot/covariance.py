@@ -1,5 +1,5 @@
-"""The covariance of a robot's geometry as a table: a square matrix with names in its header and in its
-first column.
+"""The covariance of a robot's geometry as a table: a square matrix with names in its header and in
+its first column.
 """
 
 from __future__ import annotations
@@ -88,7 +88,8 @@ def read_covariance(path: Path, m: int) -> Array:
     values = np.linalg.eigvalsh(symmetric)
     if values[0] < -_ROUNDED * max(float(values[-1]), 0.0) - 1e-18:
         raise InputError(
-            f"{path}: expected a covariance, found a matrix with the eigenvalue {values[0]:.2g}; let"
+            f"{path}: expected a covariance, found a matrix with the eigenvalue {values[0]:.2g};"
+            " let"
             " 'steelyard calibrate' write the table again"
         )
     return np.asarray(symmetric)

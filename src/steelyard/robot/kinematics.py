@@ -66,9 +66,9 @@ def shapes(
 ) -> list[cable.CableShape]:
     """Shapes of all cables at a pose for tensions at the platform end, symbolically; steps as of
     :func:`cable.by_tension`. Where the cables are fixed, shapes (3, m), None: as the robot file has
-    it. So are by which factor they stretch more, a number, by how much the radii of rollers are larger
-    [m], shape (m,), and by how much their axes lean (:func:`.leaned`), shape (2 m,); cables that do not
-    stretch and points without a roller stay as they are.
+    it. So are by which factor they stretch more, a number, by how much the radii of rollers are
+    larger [m], shape (m,), and by how much their axes lean (:func:`.leaned`), shape (2 m,); cables
+    that do not stretch and points without a roller stay as they are.
     """
     anchors = ca.DM(robot.anchors.T) if anchors is None else anchors
     attachments = ca.DM(robot.attachments.T) if attachments is None else attachments

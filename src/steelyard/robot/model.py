@@ -14,8 +14,8 @@ from steelyard.errors import WrongValueError
 from steelyard.inertia import Inertia
 
 _FARTHEST = 1e5
-"""Largest coordinate [m]: beyond it, as in grids of surveyors, a milliradian is a hundred metres, and
-nothing is left of a rotation that is known."""
+"""Largest coordinate [m]: beyond it, as in grids of surveyors, a milliradian is a hundred metres,
+and nothing is left of a rotation that is known."""
 DIRECTIONS = 6
 """Of a platform: coordinates of its pose, components of a wrench; with as many taut cables of
 constant length it cannot move."""
@@ -171,7 +171,9 @@ class Robot:
 
     @property
     def holds_any_pose(self) -> bool:
-        """Whether its cables are enough to hold a platform in any pose: on fewer than six it swings."""
+        """Whether its cables are enough to hold a platform in any pose: on fewer than six it
+        swings.
+        """
         return self.m >= DIRECTIONS
 
     @property
@@ -194,8 +196,8 @@ class Robot:
 
     @property
     def size(self) -> float:
-        """Radius of the platform as its attachments show it [m]: about their middle, of a single place
-        about the origin; 1 m where they show none.
+        """Radius of the platform as its attachments show it [m]: about their middle, of a single
+        place about the origin; 1 m where they show none.
         """
         if not self.m:
             return 1.0
@@ -229,7 +231,8 @@ def too_far(points: ArrayLike) -> str:
     if farthest <= _FARTHEST:
         return ""
     return (
-        f"expected coordinates of at most {_FARTHEST:g} m, found {farthest:.7g}; subtract the same place"
+        f"expected coordinates of at most {_FARTHEST:g} m, found {farthest:.7g}; subtract the same"
+        " place"
         " from all anchors and from all that instruments read in that frame"
     )
 

@@ -40,13 +40,13 @@ def swivel(anchor: Symbol, axis: Symbol, radius: float, point: Symbol) -> Roller
 
 
 def leaned(axis: Array, first: Symbol, second: Symbol) -> Symbol:
-    """An axis that leans along two directions square to it by small angles [rad], unit vector, shape
-    (3,).
+    """An axis that leans along two directions square to it by small angles [rad], unit vector,
+    shape (3,).
 
     Args:
         axis: Unit vector, shape (3,).
-        first: Along the direction square to it that is nearest to the world's first axis, or its second
-            where that is farther from it [rad].
+        first: Along the direction square to it that is nearest to the world's first axis, or its
+            second where that is farther from it [rad].
         second: Along what is square to both [rad].
     """
     along = np.eye(3)[0 if abs(axis[0]) <= abs(axis[1]) else 1]

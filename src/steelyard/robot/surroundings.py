@@ -18,7 +18,8 @@ _STICKING = 5e-3
 HOSE = (("at", 3), ("to", 3), ("force", 1), ("stiffness", 1), ("free", 1))
 """What :func:`hose_wrench` takes of a hose, and how many numbers."""
 _SLOWEST = 1e-3
-"""Speed below which drag is no longer quadratic, so that its derivative is smooth [m/s], [rad/s]."""
+"""Speed below which drag is no longer quadratic, so that its derivative is smooth [m/s],
+[rad/s]."""
 
 
 def middle_of(robot: Robot) -> Array:
@@ -39,8 +40,8 @@ def hose_wrench(position: Symbol, rotation: Symbol, gravity: Symbol, hose: Symbo
         position: Of the platform origin, world frame [m], shape (3,).
         rotation: R_world_platform, shape (3, 3).
         gravity: World frame [m/s^2], shape (3,).
-        hose: See :data:`HOSE`: where it is fixed to the platform, in P [m], and where it comes from,
-            world frame [m], weight [N], stiffness [N/m], free length [m]; shape (9,).
+        hose: See :data:`HOSE`: where it is fixed to the platform, in P [m], and where it comes
+            from, world frame [m], weight [N], stiffness [N/m], free length [m]; shape (9,).
     """
     at, to, weight, stiffness, free = ca.vertsplit(hose, [0, 3, 6, 7, 8, 9])
     along = to - position - rotation @ at
@@ -131,8 +132,8 @@ def swivel_wrench(
     in the bearings of rollers that swivel, in knots and strands that bend; in P [N], [N m], shape
     (6,).
 
-    A torque that does not depend on how fast a cable turns pulls across it at its attachment, against
-    the motion there.
+    A torque that does not depend on how fast a cable turns pulls across it at its attachment,
+    against the motion there.
 
     Args:
         robot: With m cables, taken as straight.

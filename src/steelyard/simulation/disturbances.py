@@ -1,5 +1,5 @@
-"""Errors of virtual sensors that go on for a while: coloured noise, drifts, an attitude that follows
-the accelerometer.
+"""Errors of virtual sensors that go on for a while: coloured noise, drifts, an attitude that
+follows the accelerometer.
 """
 
 from __future__ import annotations

@@ -45,8 +45,8 @@ class ForwardDynamicsSettings:
     """Poses at which the winches know the lengths to feed [Hz], with a quintic spline between: far
     above the half hertz of commands."""
     moves: float = 1e-3
-    """Speed at which a motion begins that does not begin at rest [m/s], [rad/s]: what is left of a fit
-    to one that does is less."""
+    """Speed at which a motion begins that does not begin at rest [m/s], [rad/s]: what is left of a
+    fit to one that does is less."""
     displacement: float = 1e-6
     """Of a pose, for its stiffness by central differences [m], [rad]: far above rounding
     and far below what changes the stiffness."""
@@ -285,8 +285,8 @@ class CablePlatform:
         tolerance: float | None = None,
         level: float | None = None,
     ) -> ElasticMotion:
-        """Integrate while the winches feed what the commanded poses need: from rest, or from what the
-        command begins with where fewer than six cables let the platform swing.
+        """Integrate while the winches feed what the commanded poses need: from rest, or from what
+        the command begins with where fewer than six cables let the platform swing.
 
         Args:
             trajectory: The command.
@@ -341,8 +341,9 @@ def feed_lengths(
     (n, m).
 
     What a winch controller knows: elasticity and sag under the platform's weight, but no dynamics.
-    Fewer than six cables cannot hold it in any pose: then they are those that come nearest to moving
-    it as commanded, dynamics included, so that a motion that such a robot has made comes out again.
+    Fewer than six cables cannot hold it in any pose: then they are those that come nearest to
+    moving it as commanded, dynamics included, so that a motion that such a robot has made comes out
+    again.
 
     Args:
         robot: With a nominal platform.

@@ -154,7 +154,9 @@ def _body(load: Load, first: Load, without: Inertia | None, rng: np.random.Gener
 
 
 def _added(load: Load, first: Load, rng: np.random.Generator) -> Inertia:
-    """What a load has more than the first one: of its nominal body where there is one, else a ball."""
+    """What a load has more than the first one: of its nominal body where there is one, else a
+    ball.
+    """
     if load.nominal is not None and first.nominal is not None:
         more = Inertia.from_parameters(load.nominal.parameters - first.nominal.parameters)
         values = np.array(more.body_parameters)

@@ -170,7 +170,9 @@ def _filtered(
 
 
 def _past(times: Array, constant: float, duration: float) -> Iterator[tuple[Array, float]]:
-    """Instants before times that stand for the past of a first-order filter [s], and their weights."""
+    """Instants before times that stand for the past of a first-order filter [s], and their
+    weights.
+    """
     for node, weight in zip(*np.polynomial.laguerre.laggauss(_PAST), strict=True):
         yield np.clip(times - constant * node, 0.0, duration), float(weight)
 
@@ -243,8 +245,8 @@ class _Remembering:
 
 
 def _late(stamps: Array, jitter: float | None, rng: np.random.Generator) -> Array:
-    """Time stamps that are late by the absolute value of a normal number, in the order in which they
-    were taken.
+    """Time stamps that are late by the absolute value of a normal number, in the order in which
+    they were taken.
     """
     if not jitter:
         return stamps

@@ -199,7 +199,9 @@ def read_sensors(which: str, robot: Robot) -> Sensors:
         return swing_sensors()
     if not which.endswith((".yaml", ".yml")):
         raise InputError(
-            f"--sensors: expected 'paper', 'ideal', 'calibration', 'swings' or the path of a YAML file, found '{which}';"
+            "--sensors: expected 'paper', 'ideal', 'calibration', 'swings' or the path of a YAML"
+            " file, found"
+            f" '{which}';"
             " correct it"
         )
     document = read_yaml(Path(which))
@@ -225,7 +227,8 @@ def sensors_of(document: YamlDocument, robot: Robot) -> Sensors:
         if instrument.tabular:
             raise document.error(
                 ("instruments", name, "kind"),
-                f"expected an instrument that records over time, found '{instrument.kind}', whose rows"
+                f"expected an instrument that records over time, found '{instrument.kind}', whose"
+                " rows"
                 " have none; leave it out and write its table by hand",
             )
         if instrument.rate is None:

@@ -45,7 +45,8 @@ class VirtualExperiment:
     errors: Mapping[str, Mapping[str, Errors]]
     """Run -> instrument -> the systematic errors drawn."""
     loads: Mapping[str, Inertia] = field(default_factory=dict)
-    """Name -> what the platform really is with it, where there are several; the body is the first."""
+    """Name -> what the platform really is with it, where there are several; the body is the
+    first."""
 
     def truth(self) -> dict[str, Any]:
         """Body and calibration as plain values, in the shape of ``truth.json``."""
@@ -117,8 +118,8 @@ def simulate(
         name: Of the experiment.
         loads: Name -> body that the platform is with it: every motion is recorded with every load,
             as run ``MOTION LOAD``. Or the path of a YAML file with ``loads`` as in an experiment
-            file and the ``order`` of the recordings; what is ``known`` there with a 1-sigma lies off
-            by a draw of it. None: that of the robot alone.
+            file and the ``order`` of the recordings; what is ``known`` there with a 1-sigma lies
+            off by a draw of it. None: that of the robot alone.
         progress: Is given the run and the fraction of it that is done.
         settings: Of the forward dynamics.
 

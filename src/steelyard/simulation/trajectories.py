@@ -273,7 +273,8 @@ def from_file(path: Path, robot: Robot) -> Sampled:
     whole = np.isfinite(position).all(axis=1) & np.isfinite(orientation).all(axis=(1, 2))
     if not whole.all():
         raise InputError(
-            f"{path}:{first[int(np.argmin(whole))] + 2}: expected a pose in every row, found an empty"
+            f"{path}:{first[int(np.argmin(whole))] + 2}: expected a pose in every row, found an"
+            " empty"
             " cell; fill it"
         )
     rpy = Rotation.from_matrix(orientation).as_euler("ZYX")[:, ::-1]

@@ -24,8 +24,8 @@ class Series:
     method: str
     names: tuple[str, ...]
     times: Array | None
-    """When they were recorded, in seconds since 1970 UTC, shape (n,); None: not all of them tell it,
-    and they are in the order of their names."""
+    """When they were recorded, in seconds since 1970 UTC, shape (n,); None: not all of them tell
+    it, and they are in the order of their names."""
     values: Array
     """NaN where there is no number, shape (n, 10)."""
     sigmas: Array

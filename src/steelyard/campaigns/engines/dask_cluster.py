@@ -38,8 +38,8 @@ class DaskCluster:
     def __call__(
         self, work: Work, tasks: Iterable[TaskT]
     ) -> Generator[tuple[TaskT, Outcome | Lost], None, None]:
-        """Results as they end. Dask itself does a task again whose worker was killed, three times at
-        most.
+        """Results as they end. Dask itself does a task again whose worker was killed, three times
+        at most.
 
         Raises:
             InputError: The scheduler is lost.

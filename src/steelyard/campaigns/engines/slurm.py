@@ -79,7 +79,9 @@ class Slurm:
     def __call__(
         self, work: Work, tasks: Iterable[TaskT]
     ) -> Generator[tuple[TaskT, Outcome | Lost], None, None]:
-        """Results as they end; a task whose job was killed is tried once more in a job of its own."""
+        """Results as they end; a task whose job was killed is tried once more in a job of its
+        own.
+        """
         executor = _executor(self)
         rest = iter(tasks)
         while parts := list(_parts(rest, self.options)):

@@ -62,8 +62,8 @@ class ResampleTask:
     sha256: str
     """Of the inputs."""
     block: float
-    """Length of blocks [s]; 0: whole runs are drawn; below 0: nothing is drawn, the recording is taken
-    as it is."""
+    """Length of blocks [s]; 0: whole runs are drawn; below 0: nothing is drawn, the recording is
+    taken as it is."""
 
 
 def draw(task: DrawTask) -> Outcome:

@@ -58,8 +58,8 @@ class Rejections:
 
 
 def wilson_interval(hits: int, count: int, level: float = LEVEL) -> tuple[float, float]:
-    """Interval of a probability from how often something has happened, Eq. (1) in [Wilson1927]_; from
-    0 to 1 where nothing was counted.
+    """Interval of a probability from how often something has happened, Eq. (1) in [Wilson1927]_;
+    from 0 to 1 where nothing was counted.
 
     Args:
         hits: How often it has.
@@ -114,8 +114,8 @@ def _counted(
 
 
 def is_wrong(row: Mapping[str, Any], truth: Array) -> bool:
-    """Whether the errors of an estimate contradict its stated covariance; parameters without a number
-    claim nothing.
+    """Whether the errors of an estimate contradict its stated covariance; parameters without a
+    number claim nothing.
     """
     value = np.array([row[name] for name in BODY_PARAMETERS], dtype=np.float64)
     squared, known = squared_error(value - truth, row["covariance"])

@@ -87,9 +87,9 @@ def study(
         trajectory: Of a robot, likewise; None: a multisine.
         duration: Of that motion [s].
         seed: Of the first draw; the following ones have the numbers behind it.
-        mistakes: Names of mistakes (:data:`steelyard.simulation.mistakes.MISTAKES`) that are made in
-            every draw, one at a time, for the power of the verdict against them; ``all``: all that
-            these instruments can have.
+        mistakes: Names of mistakes (:data:`steelyard.simulation.mistakes.MISTAKES`) that are made
+            in every draw, one at a time, for the power of the verdict against them; ``all``: all
+            that these instruments can have.
         jobs: Processes on this machine; None: as many as it has cores.
         client: Of Dask: work on its cluster instead.
         engine: Where to work, in place of ``jobs`` and ``client``.
@@ -112,18 +112,22 @@ def study(
     recorded = is_experiment(str(what))
     if bootstrap and not recorded:
         raise InputError(
-            f"{what}: expected an experiment file to draw recordings from, found a robot; use --draws"
+            f"{what}: expected an experiment file to draw recordings from, found a robot; use"
+            " --draws"
         )
     given = [n for n, v in (("sensors", sensors), ("trajectory", trajectory)) if v is not None]
     if recorded and (given or duration is not None):
         name = (given or ["duration"])[0]
         raise InputError(
-            f"--{name}: expected none with an experiment, which has its own, found one; leave it out"
+            f"--{name}: expected none with an experiment, which has its own, found one; leave it"
+            " out"
         )
     wanted_mistakes = _named((mistakes,) if isinstance(mistakes, str) else tuple(mistakes))
     if wanted_mistakes and bootstrap:
         raise InputError(
-            "--mistakes: expected draws, found a bootstrap, of which no truth is known; give --draws instead of --bootstrap"
+            "--mistakes: expected draws, found a bootstrap, of which no truth is known; give"
+            " --draws instead of"
+            " --bootstrap"
         )
     engine = engine or engine_of(jobs, client)
     place = Path(what).resolve() if Path(what).is_file() else what
@@ -191,7 +195,8 @@ def _possible(setup: Setup, mistakes: Sequence[str]) -> tuple[str, ...]:
     found = tuple(name for name in mistakes if name in possible)
     if mistakes and not found:
         raise InputError(
-            f"--mistake: expected one that these instruments can have ({', '.join(possible)}), found"
+            f"--mistake: expected one that these instruments can have ({', '.join(possible)}),"
+            " found"
             f" '{mistakes[0]}'; choose one of these"
         )
     return found

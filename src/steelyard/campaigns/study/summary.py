@@ -62,7 +62,9 @@ class MethodSummary:
         return float(chi2_tail(total, n)), float(chi2_below(total, n))
 
     def outcome(self, parameter: int) -> str:
-        """Whether the draws contradict the stated 1-sigma, in words; few draws contradict little."""
+        """Whether the draws contradict the stated 1-sigma, in words; few draws contradict
+        little.
+        """
         above, below = self.p_value(parameter)
         level = UNLIKELY / len(BODY_PARAMETERS)
         if np.isnan(above):
@@ -151,8 +153,8 @@ def _joint(rows: pl.DataFrame, error: Array) -> Array:
 
 
 def squared_error(error: Array, covariance: Sequence[float | None] | None) -> tuple[float, int]:
-    """Squared errors over their covariance, of the parameters that have a number, and how many these
-    are.
+    """Squared errors over their covariance, of the parameters that have a number, and how many
+    these are.
 
     Args:
         error: NaN where there is no number, shape (10,).

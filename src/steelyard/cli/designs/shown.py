@@ -23,7 +23,8 @@ class Shown(NamedTuple):
     quiet: bool
 
     def write(self, result: Callable[[Path], object], document: Document, name: str) -> None:
-        """Write a result, its pages and its provenance, all or nothing, where a folder is asked for.
+        """Write a result, its pages and its provenance, all or nothing, where a folder is asked
+        for.
 
         Args:
             result: Writes it into a folder.

@@ -38,7 +38,8 @@ def propose_swings(
     if shown.out is not None and not shown.as_json:
         print()
         say(
-            f"{RESULT} and {ROBOT}, with the cables that stay, are in {shown.out}/. Record each swing"
+            f"{RESULT} and {ROBOT}, with the cables that stay, are in {shown.out}/. Record each"
+            " swing"
             " as a run with 'winches: locked', then:"
         )
         print("  steelyard identify EXPERIMENT --out DIR")

@@ -28,7 +28,8 @@ PROBLEMS = 3
     "methods",
     multiple=True,
     metavar="NAME",
-    help="As in identify; may be repeated. Default: the best there is, with the baseline beside it.",
+    help="As in identify; may be repeated. Default: the best there is, with the baseline beside"
+    " it.",
 )
 @click.option(
     "--verb",
@@ -55,13 +56,13 @@ PROBLEMS = 3
 @click.option(
     "--table",
     metavar="URL",
-    help="Also write the rows to a database: postgresql://USER@HOST:PORT/DATABASE, with #TABLE behind"
-    " it where that is not 'campaign'. The password is best left to ~/.pgpass.",
+    help="Also write the rows to a database: postgresql://USER@HOST:PORT/DATABASE, with #TABLE"
+    " behind it where that is not 'campaign'. The password is best left to ~/.pgpass.",
 )
 @out_option(
     required=True,
-    help="Folder for campaign.parquet, campaign.html and all estimates; new, or of a campaign, which"
-    " is gone on with.",
+    help="Folder for campaign.parquet, campaign.html and all estimates; new, or of a campaign,"
+    " which is gone on with.",
 )
 @limits_option
 @common

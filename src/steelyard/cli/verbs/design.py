@@ -48,7 +48,8 @@ REPORT = "design"
     "--free",
     is_flag=True,
     help=(
-        "Free swings without force sensors, in place of a motion: on which cables to hang the platform,"
+        "Free swings without force sensors, in place of a motion: on which cables to hang the"
+        " platform,"
         " where, and how to push it: swings.json, swings.html, swings.md and robot.yaml."
     ),
 )
@@ -74,8 +75,8 @@ REPORT = "design"
 @click.option(
     "--poses",
     type=int,
-    help="How many at rest: with --calibration (20), or at most with --reference (9); swings with --free"
-    " (6).",
+    help="How many at rest: with --calibration (20), or at most with --reference (9); swings with"
+    " --free (6).",
 )
 @out_option(
     help="Folder for command.csv, design.json, design.html, design.md and motion.parquet; must be"
@@ -128,9 +129,9 @@ REPORT = "design"
     help="Design for this body. Default: 'platform' of the robot file.",
 )
 @sensors_option(
-    help="Of a robot alone: paper, ideal, calibration (a tracker and lengths; taken with --calibration"
-    " where nothing is said), swings (motion capture; likewise with --free), or a YAML file with"
-    " 'instruments'."
+    help="Of a robot alone: paper, ideal, calibration (a tracker and lengths; taken with"
+    " --calibration where nothing is said), swings (motion capture; likewise with --free), or a"
+    " YAML file with 'instruments'."
 )
 @click.option(
     "--budget",

@@ -41,7 +41,9 @@ NOT_ACCEPTED = 3
     multiple=True,
     metavar="NAME",
     help=(
-        "two-step, least-squares, instrumental-variables, consistent, recursive, maximum-likelihood, or"
+        "two-step, least-squares, instrumental-variables, consistent, recursive,"
+        " maximum-likelihood,"
+        " or"
         " all;"
         " may be repeated. Default: maximum-likelihood, with two-step beside it."
     ),
@@ -104,12 +106,12 @@ NOT_ACCEPTED = 3
     default=1,
     show_default=True,
     metavar="N",
-    help="Processes that work at a time: fits of several methods and of runs left out, and windows of a"
-    " long recording.",
+    help="Processes that work at a time: fits of several methods and of runs left out, and windows"
+    " of a long recording.",
 )
 @out_option(
-    help="Folder for estimate.json, the report (report.html, .md, .json) and motion.parquet; without"
-    " it nothing is written."
+    help="Folder for estimate.json, the report (report.html, .md, .json) and motion.parquet;"
+    " without it nothing is written."
 )
 @force_option()
 @click.option("--details", is_flag=True, help="Print what each run says alone, too.")

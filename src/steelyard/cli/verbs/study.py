@@ -83,7 +83,8 @@ def study(
     many times, and count.
 
     Of each method: errors against the bound, coverage of the intervals, chi-square of each
-    parameter, verdicts; with --mistakes also the power of the verdict against each. Ends with status 3 where a draw gave no estimate.
+    parameter, verdicts; with --mistakes also the power of the verdict against each. Ends with
+    status 3 where a draw gave no estimate.
     """
     from steelyard.campaigns.study.document import study_document
     from steelyard.campaigns.study.run import ALL

@@ -98,5 +98,8 @@ def _in_words(repeated: Repetition) -> str:
     """What came out again."""
     if repeated.same_bits:
         return f"again: {repeated.numbers} numbers, the same to the last bit"
-    largest = f"{repeated.largest:.2g} 1-sigma (of a thousand times the number where it has none) at {repeated.where}"
+    largest = (
+        f"{repeated.largest:.2g} 1-sigma (of a thousand times the number where it has none) at"
+        f" {repeated.where}"
+    )
     return f"again: {repeated.numbers} numbers, the largest difference {largest}"

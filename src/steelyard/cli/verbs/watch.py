@@ -68,8 +68,8 @@ NOT_ACCEPTED = 3
     "--wanted",
     multiple=True,
     metavar="NAME=SIGMA",
-    help="Say how long this motion must go on until the 1-sigma of mass [kg], cx, cy, cz [m], Jxx and"
-    " so on [kg m^2] is as small as that; may be repeated.",
+    help="Say how long this motion must go on until the 1-sigma of mass [kg], cx, cy, cz [m], Jxx"
+    " and so on [kg m^2] is as small as that; may be repeated.",
 )
 @click.option(
     "--page",
@@ -180,7 +180,8 @@ def _aims(wanted: Sequence[str]) -> tuple[tuple[str, float], ...]:
             sigma = 0.0
         if name not in BODY_PARAMETERS or not 0 < sigma < float("inf"):
             raise click.UsageError(
-                f"--wanted: expected one of {', '.join(BODY_PARAMETERS)} with a 1-sigma above 0, such"
+                f"--wanted: expected one of {', '.join(BODY_PARAMETERS)} with a 1-sigma above 0,"
+                " such"
                 f" as mass=0.2, found '{each}'; correct it"
             )
         found.append((name, sigma))
@@ -239,8 +240,8 @@ def _say(text: str) -> None:
 
 @contextmanager
 def _page(title: str, port: int, listen: str | None) -> Iterator[Any]:
-    """A page that is served, its address said: whoever has to open it needs that, so that it is said
-    even to the quiet.
+    """A page that is served, its address said: whoever has to open it needs that, so that it is
+    said even to the quiet.
     """
     from steelyard.live.sinks.page import PageSink
     from steelyard.report.forms.live_page import live_page

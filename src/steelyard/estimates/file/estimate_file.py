@@ -62,7 +62,8 @@ class EstimateFile:
         if load not in loads:
             found = ", ".join(loads) or "an estimate of one body"
             raise InputError(
-                f"{self.path}: expected a load '{load}' under {method}, found {found}; choose one of"
+                f"{self.path}: expected a load '{load}' under {method}, found {found}; choose one"
+                " of"
                 " its loads, or leave '#' out"
             )
         return loads[load]

@@ -1,4 +1,6 @@
-"""Estimates as people name them: a file or its folder, a method behind a colon, a load behind a #."""
+"""Estimates as people name them: a file or its folder, a method behind a colon, a load behind a
+#.
+"""
 
 from __future__ import annotations
 

@@ -48,8 +48,8 @@ class PoseDesign:
     poses: Array
     """x, y, z [m], roll, pitch, yaw [rad], in the order in which to go there, shape (n, 6)."""
     predicted: GeometryCalibration
-    """What `calibrate` would say of them, without noise and errors: the geometry is that of the robot
-    file."""
+    """What `calibrate` would say of them, without noise and errors: the geometry is that of the
+    robot file."""
     grid: GeometryCalibration | None
     """The same of a regular grid of as many poses; None: the robot cannot hold so many, or they
     leave the geometry undetermined."""
@@ -63,8 +63,8 @@ class PoseDesign:
 
     @property
     def over_grid(self) -> dict[str, float]:
-        """Mean 1-sigma of ``anchor`` and ``attachment`` over that of the regular grid; nothing where
-        there is no grid, and of points that are known exactly.
+        """Mean 1-sigma of ``anchor`` and ``attachment`` over that of the regular grid; nothing
+        where there is no grid, and of points that are known exactly.
         """
         if self.grid is None:
             return {}
@@ -88,15 +88,15 @@ def design_poses(
 ) -> PoseDesign:
     """Find poses at rest that tell anchors and attachments best.
 
-    The choice leaves the least volume of their uncertainty (D-optimal), with everything else that is
-    uncertain found beside them.
+    The choice leaves the least volume of their uncertainty (D-optimal), with everything else that
+    is uncertain found beside them.
 
     Args:
-        subject: An experiment, of which robot, instruments and ``uncertainty`` count; a robot; or the
-            path or bundled name of one of them.
+        subject: An experiment, of which robot, instruments and ``uncertainty`` count; a robot; or
+            the path or bundled name of one of them.
         poses: How many.
-        sensors: Instruments of a robot that comes alone; ``calibration``: a tracker and lengths of .5
-            mm.
+        sensors: Instruments of a robot that comes alone; ``calibration``: a tracker and lengths of
+            .5 mm.
         margin: By which share mass and inertia may differ from the nominal ones, so that the cables
             hold the platform all the same.
         seed: Of the poses that there are to choose from.
@@ -104,8 +104,8 @@ def design_poses(
         settings: Of the design.
 
     Raises:
-        InputError: No instrument reads cable lengths or one states no noise, the robot cannot hold so
-            many poses, or their readings leave the geometry undetermined.
+        InputError: No instrument reads cable lengths or one states no noise, the robot cannot hold
+            so many poses, or their readings leave the geometry undetermined.
     """
     tell = progress or (lambda what, fraction: None)
     poses, seed = whole_given(poses, "--poses"), whole_given(seed, "--seed")
@@ -126,8 +126,10 @@ def design_poses(
     every = candidate_poses(constraints, seed, settings)
     if len(every) < poses:
         raise InputError(
-            f"robot '{robot.name}': expected {poses} poses within its limits that the cables can hold"
-            f" if the body differs by {margin:.0%}, found {len(every)} of {settings.candidate_poses}"
+            f"robot '{robot.name}': expected {poses} poses within its limits that the cables can"
+            " hold"
+            f" if the body differs by {margin:.0%}, found {len(every)} of"
+            f" {settings.candidate_poses}"
             " that were tried; choose fewer --poses or a smaller --margin"
         )
     tell("calibration: what each of them tells", 0.2)
@@ -145,8 +147,8 @@ def design_poses(
 def predicted_fit(
     experiment: Experiment, poses: Array, level: float, settings: DesignSettings = DEFAULT
 ) -> GeometryFit:
-    """What the fit of `calibrate` would say of poses at rest: it has read a recording of them without
-    noise and errors.
+    """What the fit of `calibrate` would say of poses at rest: it has read a recording of them
+    without noise and errors.
 
     Args:
         experiment: Robot and instruments.
@@ -161,7 +163,8 @@ def predicted_fit(
     recorded = with_upright(replace(experiment, runs=(run,)))
     (run,) = recorded.runs
     if UPRIGHT in run.streams:
-        # What stands in for an orientation is vague, but not off: its pull would look like residuals.
+        # What stands in for an orientation is vague, but not off: its pull would look like
+        # residuals.
         turned = Rotation.from_euler("ZYX", poses[:, :2:-1]).as_matrix()
         upright = replace(run.streams[UPRIGHT], values={"orientation": turned})
         run = replace(run, streams={**run.streams, UPRIGHT: upright})
@@ -197,7 +200,8 @@ def _described(subject: Experiment | Robot | str | Path, sensors: Sensors | str)
     instruments = experiment.instruments.values()
     if not any(each.is_cable_motion for each in instruments):
         raise InputError(
-            f"{source}: expected an instrument of kind length, which tells where the cables are fixed,"
+            f"{source}: expected an instrument of kind length, which tells where the cables are"
+            " fixed,"
             " found none; give --sensors a file that has one, or add it to the experiment"
         )
     if not any(each.is_force for each in instruments):
@@ -211,7 +215,9 @@ def _described(subject: Experiment | Robot | str | Path, sensors: Sensors | str)
 def _grid(
     constraints: MotionConstraints, experiment: Experiment, count: int, settings: DesignSettings
 ) -> GeometryCalibration | None:
-    """What a regular grid would tell; None: there is none, or it leaves the geometry undetermined."""
+    """What a regular grid would tell; None: there is none, or it leaves the geometry
+    undetermined.
+    """
     poses = regular_grid(constraints, count, settings)
     if len(poses) < count:
         return None

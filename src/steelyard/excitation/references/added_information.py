@@ -1,5 +1,5 @@
-"""How well a body is known from an experiment and a recording that is added to it: the information of
-both about the same body, the same systematic errors and what was weighed.
+"""How well a body is known from an experiment and a recording that is added to it: the information
+of both about the same body, the same systematic errors and what was weighed.
 """
 
 from __future__ import annotations
@@ -79,8 +79,8 @@ def _noise_of(posterior: Posterior, load: Load | None) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _JointBorder:
-    """The border of an experiment with one recording more: the first load, and every systematic error
-    of both.
+    """The border of an experiment with one recording more: the first load, and every systematic
+    error of both.
     """
 
     experiment: Experiment

@@ -24,7 +24,8 @@ from steelyard.robot.model import Robot
 from steelyard.simulation.response import ExactMotion
 
 Kind = Literal["added", "in place", "poses"]
-"""A weighed body on what the platform carries; one in place of it; the same body in further poses."""
+"""A weighed body on what the platform carries; one in place of it; the same body in further
+poses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,8 @@ class Addition:
     def __str__(self) -> str:
         how = "in the same motion" if self.poses is None else f"in {len(self.poses)} poses at rest"
         if self.kind == "poses":
-            return f"no reference, {len(self.poses if self.poses is not None else ())} more poses at rest"
+            count = len(self.poses if self.poses is not None else ())
+            return f"no reference, {count} more poses at rest"
         what = f"{self.mass:.3g} kg {self.place}"
         return f"{what} {how}" if self.kind == "added" else f"{what}, {how}"
 
@@ -104,8 +106,9 @@ def additions(
 def rest_poses(
     constraints: MotionConstraints, count: int, settings: DesignSettings = DEFAULT
 ) -> Array:
-    """The pose where a motion would begin, then corners of the workspace, turned about one axis after
-    the other, as far as the cables can hold the platform there; shape (n, 6), n at most ``count``.
+    """The pose where a motion would begin, then corners of the workspace, turned about one axis
+    after the other, as far as the cables can hold the platform there; shape (n, 6), n at most
+    ``count``.
 
     Args:
         constraints: Of a robot with limits on its pose.

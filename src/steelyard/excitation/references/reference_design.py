@@ -79,8 +79,8 @@ class ReferenceDesign:
     """What it tells by itself."""
     predictions: tuple[ReferencePrediction, ...]
     target: Target | None
-    """1-sigma that is wanted, in units of which they are ordered; None: by the mean of the logarithms
-    of :meth:`ratios`."""
+    """1-sigma that is wanted, in units of which they are ordered; None: by the mean of the
+    logarithms of :meth:`ratios`."""
     recorded: bool
     """Whether the experiment has been made; else it is a plan."""
     not_at_rest: str | None = None
@@ -96,15 +96,15 @@ class ReferenceDesign:
         )
 
     def ratios(self, prediction: ReferencePrediction) -> Array:
-        """1-sigma over that without anything added, of all that is told without, NaN of the rest, shape
-        (10,).
+        """1-sigma over that without anything added, of all that is told without, NaN of the rest,
+        shape (10,).
         """
         ratio = np.sqrt(np.diag(prediction.covariance) / np.diag(self.without.covariance))
         return np.where(self.without.identifiable, ratio, np.nan)
 
     def score(self, prediction: ReferencePrediction) -> float:
-        """What they are ordered by, the less the better: the mean ratio (geometric) or, with a target,
-        the worst 1-sigma in units of it.
+        """What they are ordered by, the less the better: the mean ratio (geometric) or, with a
+        target, the worst 1-sigma in units of it.
         """
         if self.target is not None:
             return float(np.sqrt(np.diag(prediction.covariance) / self.target.each**2).max())
@@ -128,10 +128,11 @@ def design_references(
     """Compare weighed bodies and poses at rest by what they would add to an experiment.
 
     Args:
-        subject: An experiment, recorded or not; a robot; or the path or bundled name of one of them.
+        subject: An experiment, recorded or not; a robot; or the path or bundled name of one of
+            them.
         sensors: Instruments of a robot that comes alone.
-        motion: Of an experiment that has not been recorded: run -> motion, ``paper``, ``multisine`` or
-            the path of a CSV file of kind ``command``; None: the multisine.
+        motion: Of an experiment that has not been recorded: run -> motion, ``paper``, ``multisine``
+            or the path of a CSV file of kind ``command``; None: the multisine.
         duration: Of a motion that is named [s]; None: its default.
         poses: How many poses at rest, at most.
         sigma: 1-sigma to which a reference is weighed [kg].
@@ -140,8 +141,8 @@ def design_references(
         settings: Of the references.
 
     Raises:
-        InputError: Nothing can be predicted: no force is read, an instrument states no noise, or the
-            experiment cannot be fitted.
+        InputError: Nothing can be predicted: no force is read, an instrument states no noise, or
+            the experiment cannot be fitted.
     """
     tell = progress or (lambda what, fraction: None)
     _check(whole_given(poses, "--poses"), number_given(sigma, "--reference-sigma"))
@@ -241,7 +242,8 @@ def _base(
             )
         if is_unread(recorded) or recorded.frequencies:
             raise InputError(
-                f"{source}: expected runs that read forces, and no natural frequencies, found others;"
+                f"{source}: expected runs that read forces, and no natural frequencies, found"
+                " others;"
                 " references calibrate force sensors"
             )
         check_noise(recorded)
@@ -289,7 +291,8 @@ def _body_of(base: Posterior) -> Inertia:
     robot = base.experiment.robot
     if robot.platform is None:
         raise InputError(
-            f"robot '{robot.name}': expected a recording that tells mass and centre of gravity, or a"
+            f"robot '{robot.name}': expected a recording that tells mass and centre of gravity, or"
+            " a"
             " nominal platform, found neither; add 'platform' to its file"
         )
     return designed_body(robot)

@@ -94,7 +94,9 @@ class DesignProblem:
         return value, gradient
 
     def constraints(self, x: Array) -> tuple[Array, coo_array]:
-        """Numbers that must be at most 1, shape (g,), and their Jacobian, sparse, shape (g, 6 f)."""
+        """Numbers that must be at most 1, shape (g,), and their Jacobian, sparse, shape (g, 6
+        f).
+        """
         samples = self._constraint_samples
         values, by_command = self.motion_constraints.linearised(samples.commands(x)[:, :COMMAND])
         found = values.ravel()

@@ -55,8 +55,8 @@ class CableSet:
     swings: tuple[Swing, ...]
     """In the order in which they help."""
     steps: tuple[PerMass, ...]
-    """After the first, the first two, …: what they tell together, by the rows of the fit about every
-    swing alone."""
+    """After the first, the first two, …: what they tell together, by the rows of the fit about
+    every swing alone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,16 +102,16 @@ def design_swings(
 ) -> SwingDesign:
     """Find free swings that tell centre of gravity and inertia per mass best.
 
-    The choice leaves the least volume of their uncertainty (D-optimal), with everything else that is
-    uncertain found beside them.
+    The choice leaves the least volume of their uncertainty (D-optimal), with everything else that
+    is uncertain found beside them.
 
     Args:
-        subject: An experiment, of which robot, instruments and ``uncertainty`` count; a robot; or the
-            path or bundled name of one of them.
+        subject: An experiment, of which robot, instruments and ``uncertainty`` count; a robot; or
+            the path or bundled name of one of them.
         swings: How many.
         duration: Of each [s].
-        cables: Numbers of the cables that stay, counted from 1 as in ``f1 … fm``; None: all of a robot with fewer than six, of
-            others those that tell most.
+        cables: Numbers of the cables that stay, counted from 1 as in ``f1 … fm``; None: all of a
+            robot with fewer than six, of others those that tell most.
         sensors: Instruments of a robot that comes alone; ``swings``: motion capture of .3 mm and
             .5 mrad.
         progress: Is given what is being done.
@@ -194,7 +194,8 @@ def _described(subject: Experiment | Robot | str | Path, sensors: Sensors | str)
     source = experiment.source or experiment.name
     if not experiment.robot.m:
         raise InputError(
-            f"robot '{experiment.robot.name}': expected cables on which the platform can hang, found"
+            f"robot '{experiment.robot.name}': expected cables on which the platform can hang,"
+            " found"
             " none"
         )
     instruments = {
@@ -228,7 +229,8 @@ def _cables(robot: Robot, cables: Sequence[int] | None) -> NDArray[np.intp] | No
     own = sorted(set(cables))
     if not own or own[0] < 1 or own[-1] > robot.m or len(own) >= DIRECTIONS:
         raise InputError(
-            f"--cables: expected numbers of one to five of the {robot.m} cables, counted from 1, found"
+            f"--cables: expected numbers of one to five of the {robot.m} cables, counted from 1,"
+            " found"
             f" {', '.join(map(str, cables)) or 'none'}; correct them"
         )
     return np.array(own) - 1

@@ -1,4 +1,5 @@
-"""The same experiment in another form: on one clock, or with the origin of the platform frame elsewhere.
+"""The same experiment in another form: on one clock, or with the origin of the platform frame
+elsewhere.
 
 It imports the rest of `experiment/`; nothing there imports it.
 """

@@ -1,9 +1,9 @@
-"""The platform frame with its origin elsewhere: what is estimated is to be the same wherever the user's
-drawing has it.
+"""The platform frame with its origin elsewhere: what is estimated is to be the same wherever the
+user's drawing has it.
 
 A smooth motion of one point of the platform is none of a point far away, a torque that nothing
-explains is another about each, and a body as large as its robot is so about the middle of it. All of
-that is meant about the platform, wherever it is held.
+explains is another about each, and a body as large as its robot is so about the middle of it. All
+of that is meant about the platform, wherever it is held.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ _COORDINATES = ("cx", "cy", "cz")
 
 
 def centred(experiment: Experiment) -> Experiment:
-    """The same experiment, told in a platform frame whose origin is where the platform is held: in the
-    middle of its attachments, or in the wrench sensor.
+    """The same experiment, told in a platform frame whose origin is where the platform is held: in
+    the middle of its attachments, or in the wrench sensor.
 
     Args:
         experiment: As it was stated.
@@ -37,11 +37,12 @@ def centred(experiment: Experiment) -> Experiment:
 
 
 def near(experiment: Experiment) -> Experiment:
-    """The same experiment, told in a platform frame whose origin is on the platform: as it was stated
-    where it is no further from the middle than the attachments are, else the nearest place to that.
+    """The same experiment, told in a platform frame whose origin is on the platform: as it was
+    stated where it is no further from the middle than the attachments are, else the nearest place
+    to that.
 
-    What looks at single samples of a motion pays for the distance of the centre of gravity, which who
-    describes a platform knows better than its attachments do.
+    What looks at single samples of a motion pays for the distance of the centre of gravity, which
+    who describes a platform knows better than its attachments do.
 
     Args:
         experiment: As it was stated.
@@ -91,8 +92,8 @@ def _robot(robot: Robot, point: Array) -> Robot:
 
 
 def run_about(run: Run, instruments: Mapping[str, Instrument], point: Array) -> Run:
-    """A run in such a frame: what tells the place of its origin, and not that of a point that is stated
-    for it, is told of the other.
+    """A run in such a frame: what tells the place of its origin, and not that of a point that is
+    stated for it, is told of the other.
 
     Args:
         run: Of an experiment.

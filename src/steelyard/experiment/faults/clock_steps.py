@@ -1,10 +1,10 @@
-"""Clocks that were set while a sensor read on: times from then on are put back to where the readings
-say that they belong.
+"""Clocks that were set while a sensor read on: times from then on are put back to where the
+readings say that they belong.
 
 A logger whose clock follows a network's is set by tenths of a second or by hours. Its times have a
-pause then, its readings have none: they go on from one sample to the next as they do elsewhere, while
-what moves would have gone far. Where nothing moves a pause is taken for a pause. Nothing here knows
-what the numbers mean.
+pause then, its readings have none: they go on from one sample to the next as they do elsewhere,
+while what moves would have gone far. Where nothing moves a pause is taken for a pause. Nothing here
+knows what the numbers mean.
 """
 
 from __future__ import annotations
@@ -75,8 +75,8 @@ def without_clock_steps(
         settings: Levels of the decision.
 
     Returns:
-        The streams, and by how much the clock was set: ``start`` and ``end`` of a fault are the times
-        before and after.
+        The streams, and by how much the clock was set: ``start`` and ``end`` of a fault are the
+        times before and after.
     """
     pauses = [
         pause
@@ -125,8 +125,8 @@ class _Pause:
         return self.end - self.start - self.period
 
     def is_same(self, other: _Pause) -> bool:
-        """Whether two pauses are at one time and as long, as where streams have one clock: what one of
-        them shows, noise may hide in another.
+        """Whether two pauses are at one time and as long, as where streams have one clock: what one
+        of them shows, noise may hide in another.
         """
         close = 2 * (self.period + other.period)
         return abs(self.start - other.start) < close and abs(self.off - other.off) < close
@@ -164,13 +164,13 @@ def _pauses(name: str, stream: Stream, settings: ClockStepSettings) -> list[_Pau
 
 @dataclass(frozen=True, eq=False)
 class _Lines:
-    """Straight lines through the samples up to each one, and from each one on: where they meet, and by
-    how much they rise. At a turn both sides of a pause are at one place, and move away from it.
+    """Straight lines through the samples up to each one, and from each one on: where they meet, and
+    by how much they rise. At a turn both sides of a pause are at one place, and move away from it.
     """
 
     until: Array
-    """Half a sample after each, of those up to it, and their rise, shape (n, 2 c); NaN where there are
-    too few."""
+    """Half a sample after each, of those up to it, and their rise, shape (n, 2 c); NaN where there
+    are too few."""
     since: Array
     """Half a sample before each, of those from it on, and their rise, shape (n, 2 c)."""
     unit: Array

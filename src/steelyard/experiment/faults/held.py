@@ -1,5 +1,5 @@
-"""Readings of a sensor that is logged more often than it reads: between two of them the log says once
-more what the last one was.
+"""Readings of a sensor that is logged more often than it reads: between two of them the log says
+once more what the last one was.
 
 Counted as readings, they would be late by up to the time between two of them, and the noise would
 look smaller than it is. Nothing here knows what the numbers mean.
@@ -43,8 +43,8 @@ HELD = HeldSettings()
 
 
 def held(values: Array, settings: HeldSettings = HELD) -> float | None:
-    """How many samples in a row a reading stands on average, where a slow sensor is logged more often
-    than it reads; None where it is not.
+    """How many samples in a row a reading stands on average, where a slow sensor is logged more
+    often than it reads; None where it is not.
 
     Args:
         values: Of one channel or quantity, shape (n, k).
@@ -67,8 +67,8 @@ def without_held(
     instruments: Mapping[str, Instrument],
     settings: HeldSettings = HELD,
 ) -> tuple[dict[str, Stream], tuple[Fault, ...]]:
-    """Streams with every reading of a sensor once, at the time at which the log first has it; what is
-    commanded holds until the next command and stays.
+    """Streams with every reading of a sensor once, at the time at which the log first has it; what
+    is commanded holds until the next command and stays.
 
     Args:
         streams: Instrument -> its stream, in motion.
@@ -127,7 +127,9 @@ def _again(values: Array, settings: HeldSettings) -> NDArray[np.bool_]:
 
 
 def _without(stream: Stream, again: Mapping[str, NDArray[np.bool_]]) -> Stream:
-    """A stream without what quantities say once more; samples that say nothing else are left out."""
+    """A stream without what quantities say once more; samples that say nothing else are left
+    out.
+    """
     values = dict(stream.values)
     for quantity, mask in again.items():
         values[quantity] = values[quantity].copy()

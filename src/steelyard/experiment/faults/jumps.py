@@ -1,11 +1,11 @@
 """Stretches in which a tracker shows another place: a reflection, another target, a beam that was
 lost and found.
 
-From one sample to the next the readings jump, and jump back some tenths of a second later. What lies
-between is no reading of the place. Nothing here knows the motion: straight lines through the readings
-just before and just after meet where a platform moves, and do not where the readings jump. Lines
-through few samples find where; those through all of some hundredths of a second also find what noise
-hides, or time stamps that scatter, so that samples of both places come by turns.
+From one sample to the next the readings jump, and jump back some tenths of a second later. What
+lies between is no reading of the place. Nothing here knows the motion: straight lines through the
+readings just before and just after meet where a platform moves, and do not where the readings jump.
+Lines through few samples find where; those through all of some hundredths of a second also find
+what noise hides, or time stamps that scatter, so that samples of both places come by turns.
 """
 
 from __future__ import annotations
@@ -31,16 +31,18 @@ class JumpSettings:
     long: int = 50
     """Samples of long ones at most."""
     scatter: float = 0.3
-    """Usual scatter of the steps of time, in their middle one, from which on short lines tell nothing:
-    samples around a jump come by turns."""
+    """Usual scatter of the steps of time, in their middle one, from which on short lines tell
+    nothing: samples around a jump come by turns."""
     straight: float = 0.05
-    """Time [s] for which a motion is nearly straight, which lines of more than two samples keep to."""
+    """Time [s] for which a motion is nearly straight, which lines of more than two samples keep
+    to."""
     around: int = 51
     """Differences around one that show what is usual: tenths of a second of a tracker."""
     usual: float = 80.0
     """Percentile of them that is usual: neighbouring jumps are beyond it."""
     edge: float = 5.0
-    """Difference in units of the usual, over all axes, that is a jump: six 1-sigma of white noise."""
+    """Difference in units of the usual, over all axes, that is a jump: six 1-sigma of white
+    noise."""
     least: float = 0.002
     """Jump [m] below which it is noise: one that robust weights cope with."""
     sudden: float = 10.0
@@ -146,7 +148,8 @@ def _pairs(
 def _way_back(
     changes: Array, start: int, edges: Sequence[int], settings: JumpSettings
 ) -> int | None:
-    """The edge after which a place that has jumped is back, or None: jumps may reach into each other.
+    """The edge after which a place that has jumped is back, or None: jumps may reach into each
+    other.
 
     Args:
         changes: At all edges, shape (n, 3).
@@ -166,9 +169,9 @@ def _way_back(
 
 
 def _across(time: Array, values: Array, width: int, longest: float) -> tuple[Array, Array]:
-    """Differences between lines through some samples after and before the middle of two, there, shape
-    (n - 1, 3), and what they make of noise, shape (n - 1,); zero and one where no such samples lie
-    within so long [s].
+    """Differences between lines through some samples after and before the middle of two, there,
+    shape (n - 1, 3), and what they make of noise, shape (n - 1,); zero and one where no such
+    samples lie within so long [s].
     """
     found, lever = np.zeros((len(time) - 1, values.shape[1])), np.ones(len(time) - 1)
     middle = (time[1:] + time[:-1]) / 2
@@ -188,8 +191,8 @@ def _across(time: Array, values: Array, width: int, longest: float) -> tuple[Arr
 
 
 def _line(times: Array, places: Array, at: Array) -> tuple[Array, Array]:
-    """Straight lines through samples, shapes (c, w) and (c, 3, w), at other times, shape (c, 3), and
-    the variance there in that of a sample, shape (c,).
+    """Straight lines through samples, shapes (c, w) and (c, 3, w), at other times, shape (c, 3),
+    and the variance there in that of a sample, shape (c,).
     """
     off = times - times.mean(axis=1, keepdims=True)
     ahead = at - times.mean(axis=1)

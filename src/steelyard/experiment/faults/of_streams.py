@@ -1,6 +1,6 @@
-"""What is wrong with a stream itself: gaps, dropped, late, repeated and doubled samples, channels at the end
-of their range. Nothing here knows what the numbers mean; channels that stop are in ``stuck``, readings
-that are written several times in ``held``.
+"""What is wrong with a stream itself: gaps, dropped, late, repeated and doubled samples, channels
+at the end of their range. Nothing here knows what the numbers mean; channels that stop are in
+``stuck``, readings that are written several times in ``held``.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """Single readings that stand alone: a bit that has flipped in a file or on the way, a glitch of a
 converter.
 
-The readings before and after it agree with each other, and it is far from both; or it is no rotation
-though all others of its log are: a quaternion of another length. Nothing here knows the motion: no motion, knock or hand is seen by one reading of a channel and by none beside it, as
-long as a channel is read often enough to be followed at all.
+The readings before and after it agree with each other, and it is far from both; or it is no
+rotation though all others of its log are: a quaternion of another length. Nothing here knows the
+motion: no motion, knock or hand is seen by one reading of a channel and by none beside it, as long
+as a channel is read often enough to be followed at all.
 """
 
 from __future__ import annotations
@@ -29,13 +30,13 @@ class SpikeSettings:
     around: int = 41
     """Readings that show how far one is from those beside it: fewer would not show it well."""
     usual: float = 75.0
-    """Percentile of these distances that is usual: those beside a spike, two of which are two thirds
-    of it, are beyond it."""
+    """Percentile of these distances that is usual: those beside a spike, two of which are two
+    thirds of it, are beyond it."""
     far: float = 10.0
     """Distance in units of the usual: eleven 1-sigma of white noise."""
     agree: float = 0.25
-    """Part of the distance that may be left of those beside it once it is taken out: a knock goes on,
-    and a step stays."""
+    """Part of the distance that may be left of those beside it once it is taken out: a knock goes
+    on, and a step stays."""
     gap: float = 1.5
     """Step of time in units of the median beyond which readings are not beside each other."""
     off: float = 100.0

@@ -76,15 +76,15 @@ class Fellows:
     moving: Array
     """Share of them that move as they usually do, shape (n,)."""
     noisy: bool
-    """Whether most of them read noise from sample to sample, so that one that reads the same all the
-    time is no reading."""
+    """Whether most of them read noise from sample to sample, so that one that reads the same all
+    the time is no reading."""
 
 
 def stuck(
     values: Array, fellows: Fellows | None = None, settings: StuckSettings = STUCK
 ) -> NDArray[np.bool_]:
-    """Readings of a channel that has stopped, but for the first of them, which was still one; all of
-    a channel that has never worked.
+    """Readings of a channel that has stopped, but for the first of them, which was still one; all
+    of a channel that has never worked.
 
     Args:
         values: Of one channel, shape (n, k); NaN where there is none.

@@ -54,7 +54,8 @@ def frame_log(place: str, frame: Frame, instruments: Iterable[Instrument], m: in
         other = next(name for name in lengths if lengths[name] != lengths[first])
         raise InputError(
             f"{place}: expected columns of one length, found {lengths[first]} rows of '{first}' and"
-            f" {lengths[other]} of '{other}'; hand over what was recorded at other times as a stream"
+            f" {lengths[other]} of '{other}'; hand over what was recorded at other times as a"
+            " stream"
             " of its own"
         )
 
@@ -97,7 +98,8 @@ def _columns(place: str, frame: Frame) -> dict[str, Any]:
     if pandas is not None and isinstance(frame, pandas.DataFrame):
         return {str(name): frame[name] for name in frame.columns}
     raise InputError(
-        f"{place}: expected {_KINDS}, found {type(frame).__name__}; name its columns as those of the"
+        f"{place}: expected {_KINDS}, found {type(frame).__name__}; name its columns as those of"
+        " the"
         " kind of the instrument"
     )
 
@@ -108,7 +110,8 @@ def _of_polars(place: str, column: Any, as_array: Any) -> Array:
 
     if column.dtype == pl.String or column.dtype == pl.Object:
         raise InputError(
-            f"{place}: column '{column.name}': expected numbers, found {column.dtype}; convert it, or"
+            f"{place}: column '{column.name}': expected numbers, found {column.dtype}; convert it,"
+            " or"
             " leave it out"
         )
     return np.asarray(as_array(column))

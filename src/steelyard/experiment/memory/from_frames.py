@@ -115,7 +115,8 @@ def _instruments(given: Any, clocks: Mapping[str, str]) -> dict[str, Instrument]
     for name in clocks:
         if name not in found:
             raise InputError(
-                f"{_PLACE}: 'clocks': expected one of {', '.join(found)}, found '{name}'; choose one"
+                f"{_PLACE}: 'clocks': expected one of {', '.join(found)}, found '{name}'; choose"
+                " one"
                 " of these"
             )
     return {
@@ -155,8 +156,8 @@ def _streams(
     robot: Robot,
     logs: dict[str, Log],
 ) -> dict[str, dict[str, Any]]:
-    """Entries of a run, with what was handed over among the logs; one and the same frame is one log,
-    as one file is.
+    """Entries of a run, with what was handed over among the logs; one and the same frame is one
+    log, as one file is.
     """
     held = {
         name: given if isinstance(given, RecordedFrame) else RecordedFrame(given)

@@ -1,4 +1,6 @@
-"""Which columns of a log hold the columns of the contract: by name, with their units and factors."""
+"""Which columns of a log hold the columns of the contract: by name, with their units and
+factors.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""From columns as the contract has them, which nobody has to look for, to the stream of an instrument."""
+"""From columns as the contract has them, which nobody has to look for, to the stream of an
+instrument.
+"""
 
 from __future__ import annotations
 

@@ -48,7 +48,9 @@ def rotations_of(where: Callable[[int], str], form: tuple[str, ...], raw: Array)
 
 
 def off_rotation(raw: Array) -> Array:
-    """How far quaternions, shape (n, 4), or matrices, shape (n, 9), are from rotations, shape (n,)."""
+    """How far quaternions, shape (n, 4), or matrices, shape (n, 9), are from rotations, shape
+    (n,).
+    """
     if raw.shape[1] == 4:
         return np.asarray(np.abs(np.linalg.norm(raw, axis=1) - 1))
     off = np.empty(len(raw))

@@ -1,5 +1,5 @@
-"""From a log to the stream of an instrument: SI units, axes as the contract has them, times that can
-be.
+"""From a log to the stream of an instrument: SI units, axes as the contract has them, times that
+can be.
 """
 
 from __future__ import annotations

@@ -1,1 +1,3 @@
-"""Tables that belong to no motion: rows without time, kept apart from the runs they were listed in."""
+"""Tables that belong to no motion: rows without time, kept apart from the runs they were listed
+in.
+"""

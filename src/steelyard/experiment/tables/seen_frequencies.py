@@ -18,8 +18,8 @@ _BY_HAND = 0.01
 
 
 def with_frequencies_apart(experiment: Experiment) -> Experiment:
-    """The experiment with all rows of natural frequencies taken out of the runs, and without runs of
-    which nothing else is left.
+    """The experiment with all rows of natural frequencies taken out of the runs, and without runs
+    of which nothing else is left.
 
     Args:
         experiment: As it was read.

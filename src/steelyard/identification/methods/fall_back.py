@@ -1,5 +1,5 @@
-"""What is tried where a fit of all instruments does not arrive: the same without the instrument that
-contradicts the others.
+"""What is tried where a fit of all instruments does not arrive: the same without the instrument
+that contradicts the others.
 """
 
 from __future__ import annotations

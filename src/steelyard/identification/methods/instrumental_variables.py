@@ -190,8 +190,8 @@ class Products:
     right: Array
     """Instruments (and the other columns) with the target, shape (k,)."""
     taken_off: Array
-    """What noise of the motion does to these in the mean, with the opposite sign, shape (k,): nothing
-    where there are instruments, what least squares takes off in the other columns."""
+    """What noise of the motion does to these in the mean, with the opposite sign, shape (k,):
+    nothing where there are instruments, what least squares takes off in the other columns."""
 
 
 def _independent_motion(experiment: Experiment) -> dict[str, list[Segment]]:
@@ -303,8 +303,8 @@ def _instruments(
     balance: WhitenedBalance,
     independent: Sequence[Segment],
 ) -> Array:
-    """Whitened regressor of the independent kinematics, zero where there are none, shape (n, 6, 10);
-    poses at rest have no noise to speak of in their own.
+    """Whitened regressor of the independent kinematics, zero where there are none, shape (n, 6,
+    10); poses at rest have no noise to speak of in their own.
     """
     times, calibration = balance.at.time, posterior.fit.state.calibration
     regressor = np.zeros((len(times), 6, TEN))
@@ -363,8 +363,8 @@ class Difference:
 
 
 def difference_of(found: Posterior, products: Products, plain: Solution) -> Difference:
-    """By how much both estimates differ; the covariance is that of two linear estimates from the same
-    noise, so it cannot be indefinite.
+    """By how much both estimates differ; the covariance is that of two linear estimates from the
+    same noise, so it cannot be indefinite.
 
     Args:
         found: With the estimate by instrumental variables.

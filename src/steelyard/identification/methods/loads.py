@@ -22,8 +22,8 @@ from steelyard.inertia import TEN, Inertia, body_jacobian
 
 
 def drawn(of: Callable[[Posterior], Estimate], posterior: Posterior) -> Estimate:
-    """The estimate of a posterior in the platform frame as it was stated, with those of all loads where
-    there are several.
+    """The estimate of a posterior in the platform frame as it was stated, with those of all loads
+    where there are several.
 
     Args:
         of: From the posterior of a load to its estimate.

@@ -105,14 +105,16 @@ class PosteriorMethod(ABC):
         """Estimate from a posterior of :attr:`fit`, in its platform frame."""
 
     def drawn(self, posterior: Posterior) -> Estimate:
-        """The same in the platform frame as it was stated, with the estimates of all loads where there
-        are several.
+        """The same in the platform frame as it was stated, with the estimates of all loads where
+        there are several.
         """
         return drawn(self.of, posterior)
 
 
 def by_processes(method: Method, jobs: int) -> Method:
-    """The same method, with so many processes at the windows of a long recording where it has such."""
+    """The same method, with so many processes at the windows of a long recording where it has
+    such.
+    """
     if not isinstance(method, PosteriorMethod):
         return method
     return replace(method, settings=replace(method.settings, jobs=jobs))
@@ -123,8 +125,8 @@ class JointMotion:
     """Motion, body and calibration at once; see :func:`.fit_that_arrives`.
 
     Where a part seems to move against the platform faster than the knots follow, it may be the
-    platform as a whole, on its cables: the motion is followed as closely as that asks for, and where
-    nothing seems to move then, that is what counts.
+    platform as a whole, on its cables: the motion is followed as closely as that asks for, and
+    where nothing seems to move then, that is what counts.
     """
 
     settings: FitSettings = FIT

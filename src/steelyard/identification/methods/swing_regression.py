@@ -1,5 +1,5 @@
-"""Regression of a swinging body on what its cables cannot carry, without the moments at which a cable
-may hang slack: these show once there is a body, in what the others would have to pull.
+"""Regression of a swinging body on what its cables cannot carry, without the moments at which a
+cable may hang slack: these show once there is a body, in what the others would have to pull.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class _SwingRows:
     pulled: Array
     """That of the tensions which carry the rest, shape (n, m, 10)."""
     noise: Array
-    """Mean square that noise of the angular acceleration leaves in each column of the former, summed
-    over its rows, shape (n, 10)."""
+    """Mean square that noise of the angular acceleration leaves in each column of the former,
+    summed over its rows, shape (n, 10)."""
 
     @property
     def block(self) -> int:

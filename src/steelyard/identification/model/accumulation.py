@@ -84,8 +84,8 @@ def accumulate(
 
 
 def _touched(by_motion: Array, block: int) -> NDArray[np.intp]:
-    """Which of the coefficients of a function rows depend on, where these are few of them, as a pose
-    and the process of one instrument are; else all.
+    """Which of the coefficients of a function rows depend on, where these are few of them, as a
+    pose and the process of one instrument are; else all.
 
     Args:
         by_motion: Shape (n, k, w).
@@ -159,11 +159,11 @@ def _scatter(
 
 
 def _squares(width: int, length: int, block: int, count: int) -> tuple[Array, Array]:
-    """A matrix of zeros in lower banded form, shape (width, length), and a view of the squares on its
-    diagonal that begin a block apart, shape (count, width, width).
+    """A matrix of zeros in lower banded form, shape (width, length), and a view of the squares on
+    its diagonal that begin a block apart, shape (count, width, width).
 
-    Entry (r, c) of a square stands in row r - c of the band; what is above the diagonal goes to rows
-    that are not returned.
+    Entry (r, c) of a square stands in row r - c of the band; what is above the diagonal goes to
+    rows that are not returned.
     """
     rows = np.zeros((2 * width - 1, length))
     band = rows[width - 1 :]

@@ -1,5 +1,5 @@
-"""Derivatives of readings by border parameters: body, calibration parameters and what else is shared by
-all of a motion.
+"""Derivatives of readings by border parameters: body, calibration parameters and what else is
+shared by all of a motion.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 
 ByParameters = Iterator[tuple[slice, Array]]
-"""Where calibration parameters stand, and the derivative of n samples of k numbers by them, shape (n, k,
-c)."""
+"""Where calibration parameters stand, and the derivative of n samples of k numbers by them, shape
+(n, k, c)."""
 
 
 def has_column(column_of: NDArray[np.intp], place: slice) -> bool:

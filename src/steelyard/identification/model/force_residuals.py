@@ -132,8 +132,8 @@ def whitened_balance(
         held: Covariance of the motion's coefficients where it is held while forces are looked at,
             lower banded form, shape (42, N); None: it follows them.
         narrow: See :func:`.motion_residuals`.
-        wide: Whether rows behind a filter may have more functions than the six that are not zero at a
-            time.
+        wide: Whether rows behind a filter may have more functions than the six that are not zero at
+            a time.
     """
     asked = column_of if narrow else None
     point = point_of(experiment, segment, force_samples, calibration, parameters, factors, asked)

@@ -50,8 +50,8 @@ def looked_at(
     seen: Seen | None = None,
     asked: frozenset[str] | None = None,
 ) -> tuple[Array, Basis, tuple[Array, Array, Array, Array], Mapping[str, Array]]:
-    """Readings against the motion: their times within the segment [s], the spline there, the motion,
-    and the linearised difference.
+    """Readings against the motion: their times within the segment [s], the spline there, the
+    motion, and the linearised difference.
 
     See :func:`steelyard.instruments.equations.linearised` for the last.
 

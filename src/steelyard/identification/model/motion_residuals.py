@@ -45,7 +45,8 @@ from steelyard.instruments.equations import without_effect
 AT_ONCE = 16384
 """Samples whose rows are held at once."""
 _BESIDE = {"gravity": "gravity", "anchors": "anchor", "attachments": "attachment"}
-"""What readings follow beside the terms of their instrument -> key among the errors of the robot."""
+"""What readings follow beside the terms of their instrument -> key among the errors of the
+robot."""
 
 
 def motion_residuals(
@@ -90,7 +91,9 @@ def motion_residuals(
 
 @dataclass(frozen=True, eq=False)
 class _Along:
-    """The readings of a segment, looked at along its motion; fields as of :func:`motion_residuals`."""
+    """The readings of a segment, looked at along its motion; fields as of
+    :func:`motion_residuals`.
+    """
 
     experiment: Experiment
     segment: Segment
@@ -272,8 +275,8 @@ class _Along:
         return weight
 
     def _by_state(self, reading: Reading, by_pose: Array, by_processes: Array | None) -> Array:
-        """Derivative by the pose and by all processes, shape (n, k, block), or (n, k, 7) where these are
-        of no account.
+        """Derivative by the pose and by all processes, shape (n, k, block), or (n, k, 7) where
+        these are of no account.
 
         Args:
             reading: Which.
@@ -331,7 +334,9 @@ def _lateness_whitener(late: Array) -> Array:
 def _with_processes(
     by_pose: Array, processes: Iterable[tuple[Process, slice]], block: int
 ) -> Array:
-    """Derivative by the pose and by processes that are added to the reading, shape (n, k, block)."""
+    """Derivative by the pose and by processes that are added to the reading, shape (n, k,
+    block).
+    """
     n, k, _ = by_pose.shape
     found = np.zeros((n, k, block))
     found[:, :, :POSE] = by_pose

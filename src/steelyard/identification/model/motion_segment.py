@@ -1,8 +1,9 @@
-"""A stretch of a run with one motion, a spline in time, or a set of poses at rest; the readings in it.
+"""A stretch of a run with one motion, a spline in time, or a set of poses at rest; the readings in
+it.
 
 Its smoothness, where it has one, is a proper prior: the third derivative is white noise of an
-intensity that the data tell [Wahba1978]_, so that a spline of many knots is no freer than the motion
-is.
+intensity that the data tell [Wahba1978]_, so that a spline of many knots is no freer than the
+motion is.
 """
 
 from __future__ import annotations
@@ -92,8 +93,8 @@ class CarriedTensions:
     """What each of p noises of the force readings leaves of them, as one 1-sigma [N], shape (n, m,
     p)."""
     kept: Array
-    """What of a change of the measured tensions the correction that carries the body leaves, shape (n,
-    m, m)."""
+    """What of a change of the measured tensions the correction that carries the body leaves, shape
+    (n, m, m)."""
     by_gain: Array
     """Derivative of the measured tensions by gains, of a newton of each, shape (n, m, g)."""
     gains: NDArray[np.intp]
@@ -128,8 +129,8 @@ class CarriedTensions:
         return replace(self, values=self.values - off, by_border=by_border)
 
     def behind(self, lags: Array, columns: NDArray[np.intp]) -> CarriedTensions:
-        """Those by which cables stretch that damp: a first-order filter of the tensions, which change
-        slowly within its time constant.
+        """Those by which cables stretch that damp: a first-order filter of the tensions, which
+        change slowly within its time constant.
 
         How the rates follow the motion is of no account: by a hundredth of what the tensions do.
 
@@ -242,7 +243,9 @@ class Segment:
         return np.asarray(process.sizes * values_at(local, own, order))
 
     def disturbed(self, processes: tuple[Process, ...]) -> Segment:
-        """The same motion with these processes beside it; those that it has not had are nothing yet."""
+        """The same motion with these processes beside it; those that it has not had are nothing
+        yet.
+        """
         count = sum(each.components for each in processes)
         coefficients = np.zeros((len(self.coefficients), POSE + count))
         coefficients[:, :POSE] = self.coefficients[:, :POSE]
@@ -275,8 +278,8 @@ class Segment:
         return np.asarray((times >= self.knots[0]) & (times <= self.knots[-1]))
 
     def smooth(self, equations: NormalEquations) -> NormalEquations:
-        """Normal equations of the readings with what is known of the motion's smoothness, and of the
-        processes.
+        """Normal equations of the readings with what is known of the motion's smoothness, and of
+        the processes.
         """
         smoothness = {} if self.smoothness is None or self.static else self.smoothness
         bands = [self.jerks[part] / intensity for part, intensity in smoothness.items()]

@@ -1,8 +1,8 @@
 """Levels and correlation times of disturbances, as the readings tell them: by marginal likelihood.
 
-The readings stay as they are linearised; motion and processes are integrated out, which for a banded
-matrix is a determinant [MacKay1992]_, and body and calibration with them, which else would be held
-where a process that is too large has left them; by its gradient, with L-BFGS-B [Byrd1995]_.
+The readings stay as they are linearised; motion and processes are integrated out, which for a
+banded matrix is a determinant [MacKay1992]_, and body and calibration with them, which else would
+be held where a process that is too large has left them; by its gradient, with L-BFGS-B [Byrd1995]_.
 """
 
 from __future__ import annotations
@@ -152,8 +152,8 @@ def _evidence(
     correlation time of every source, shape (2 s,).
 
     By a number on which the precision P of the processes depends, it changes by half the trace of
-    inv(P) dP less inv(K) dP, less half the cost dP of the likeliest coefficients; K is the matrix of
-    motion and processes. The Schur complement S of the border changes by F' dP F, with F how the
+    inv(P) dP less inv(K) dP, less half the cost dP of the likeliest coefficients; K is the matrix
+    of motion and processes. The Schur complement S of the border changes by F' dP F, with F how the
     processes follow the border.
     """
     total, gradient = 0.0, {source: np.zeros(2) for source in levels}

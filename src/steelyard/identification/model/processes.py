@@ -61,7 +61,8 @@ class Process:
     cause: Cause = "colored"
     """Of what is stated; what nobody has stated is noise."""
     upright: bool = False
-    """Whether its components are along the axes of the world; else, along those of what it disturbs."""
+    """Whether its components are along the axes of the world; else, along those of what it
+    disturbs."""
     level_stated: bool = False
     time_stated: bool = False
 
@@ -89,8 +90,8 @@ class Process:
 
     @cached_property
     def changes(self) -> tuple[Array, Array]:
-        """Of the precision by the logarithms of level and correlation time, lower banded form, shape
-        (6, f) each.
+        """Of the precision by the logarithms of level and correlation time, lower banded form,
+        shape (6, f) each.
         """
         value, rate, _ = self.integrals
         by_time = (rate * self.time - value / self.time) / (2 * self.level**2)
@@ -183,8 +184,8 @@ def embedded(band: Array, place: int, block: int) -> Array:
 
 
 def unresolved(stated: Iterable[Disturbance], spacing: float, step: float) -> float:
-    """1-sigma of white noise that stands for what is stated of disturbances and goes on for too short
-    a while to be a spline on knots.
+    """1-sigma of white noise that stands for what is stated of disturbances and goes on for too
+    short a while to be a spline on knots.
 
     It has the spectral density of the disturbances at the frequency of half a period per spacing,
     where the spline ends: what is above is less, so that nothing is taken to be more certain than

@@ -1,5 +1,5 @@
-"""When an instrument's samples belong to the motion of a segment, by their clocks, and whose time that
-motion is told in.
+"""When an instrument's samples belong to the motion of a segment, by their clocks, and whose time
+that motion is told in.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ def time_of(
     name: str,
     time: Array,
 ) -> tuple[Array, slice, slice]:
-    """Times of an instrument's samples within a segment [s], and where the delays of its clock and of
-    the reference stand.
+    """Times of an instrument's samples within a segment [s], and where the delays of its clock and
+    of the reference stand.
 
     The motion is told in the time of one of the clocks that it was recorded by.
     """

@@ -56,9 +56,9 @@ class Basis:
 def basis(knots: Array, times: Array) -> Basis:
     """B-splines and their first three derivatives at times within the knots.
 
-    Between knots of equal spacing, which nearly all are, by the polynomials that they are there; else
-    by Cox and de Boor's recursion over all times at once, in which a derivative is made of differences
-    of functions of one degree less [DeBoor1978]_.
+    Between knots of equal spacing, which nearly all are, by the polynomials that they are there;
+    else by Cox and de Boor's recursion over all times at once, in which a derivative is made of
+    differences of functions of one degree less [DeBoor1978]_.
 
     Args:
         knots: Of a quintic spline [s].
@@ -104,9 +104,9 @@ def basis(knots: Array, times: Array) -> Basis:
 
 @cache
 def _pieces() -> Array:
-    """Spline functions of knots that are one apart, and their first three derivatives, between two of
-    them: coefficients of the powers of what lies behind the first one, shape (4, 6, 6), powers on
-    axis 1, functions on axis 2 [DeBoor1978]_.
+    """Spline functions of knots that are one apart, and their first three derivatives, between two
+    of them: coefficients of the powers of what lies behind the first one, shape (4, 6, 6), powers
+    on axis 1, functions on axis 2 [DeBoor1978]_.
     """
     u = np.polynomial.Polynomial([0.0, 1.0])
     nothing = 0.0 * u
@@ -316,7 +316,8 @@ def spread(basis: Basis, *by_order: Array, block: int = POSE) -> Array:
 
     Args:
         basis: At n times.
-        *by_order: Shape (n, k, 7) each, the first by the pose; wider where processes stand beside it.
+        *by_order: Shape (n, k, 7) each, the first by the pose; wider where processes stand beside
+            it.
         block: Coefficients of one function.
 
     Returns:

@@ -1,5 +1,5 @@
-"""Numbers that decide how readings become samples on one time base, and a motion in continuous time,
-with the reason of each.
+"""Numbers that decide how readings become samples on one time base, and a motion in continuous
+time, with the reason of each.
 """
 
 from __future__ import annotations
@@ -93,8 +93,8 @@ class MotionSettings:
     # Dense streams
 
     averaged_over: float = 1e-3
-    """Longest time that samples are averaged over, on cables [s]: a vibration of 25 Hz, which is all
-    that a platform on cables does, loses a thousandth of its amplitude."""
+    """Longest time that samples are averaged over, on cables [s]: a vibration of 25 Hz, which is
+    all that a platform on cables does, loses a thousandth of its amplitude."""
     averaged_over_on_sensor: float = 2.5e-4
     """The same on a wrench sensor [s]: of 100 Hz, likewise."""
     needed_in_group: float = 0.75
@@ -133,8 +133,8 @@ class MotionSettings:
     humming: float = 2.0
     """The same of forces from one sample to the next."""
     most_shaken: float = 300.0
-    """The same at most: no drive shakes a platform by a g for good, and what scatters more beside its
-    stated noise has that in another unit."""
+    """The same at most: no drive shakes a platform by a g for good, and what scatters more beside
+    its stated noise has that in another unit."""
     finer: float = 2**0.5
     """By how much the knots are closer than the readings of the motion ask for: what these do not
     see, forces may."""
@@ -142,9 +142,9 @@ class MotionSettings:
     """The same where lengths are read of cables that stretch much: a spline errs in accelerations
     with the fourth power of its spacing, and then errs by a quarter of that."""
     much_stretched: float = 20.0
-    """How far cables stretch, in 1-sigma of the lengths that are read of them, that is much: knots that
-    the motion alone asks for leave up to a hundredth of it, a fifth of that noise and in readings
-    that follow each other alike."""
+    """How far cables stretch, in 1-sigma of the lengths that are read of them, that is much: knots
+    that the motion alone asks for leave up to a hundredth of it, a fifth of that noise and in
+    readings that follow each other alike."""
     per_vibration: float = 3.0
     """The same of the accelerometer where it is to follow a vibration."""
 
@@ -167,8 +167,8 @@ class MotionSettings:
     much_wider: float = 3.0
     """Ratio of the spacing that all but places ask for to that which places ask for, at least."""
     no_motion: float = 100.0
-    """Log likelihood by which finer knots are worse for rates and accelerations, from which what asks
-    for them is no motion."""
+    """Log likelihood by which finer knots are worse for rates and accelerations, from which what
+    asks for them is no motion."""
     as_likely: float = 2.0
     """Log likelihood by which a wider spacing may be worse and is still taken: odds of 7 to 1,
     which are no strong evidence for finer knots [Kass1995]_."""
@@ -237,7 +237,8 @@ class MotionSettings:
     # Processes
 
     shortest_correlation: float = 0.02
-    """Correlation time [s] below which a disturbance is white noise at the rates of real sensors."""
+    """Correlation time [s] below which a disturbance is white noise at the rates of real
+    sensors."""
     longest_correlation: float = 1000.0
     """Correlation time [s] above which it is a constant."""
     least_level: float = 1e-3
@@ -245,8 +246,8 @@ class MotionSettings:
     level_range: float = 1e3
     """By how much a level may differ from where its search begins."""
     level_slope: float = 0.05
-    """Of the logarithm of the marginal likelihood by those of levels and correlation times, at which
-    they have arrived: they are known to tenths at best."""
+    """Of the logarithm of the marginal likelihood by those of levels and correlation times, at
+    which they have arrived: they are known to tenths at best."""
     level_gain: float = 3e-6
     """The same by the relative gain of a step: hundredths of some ten thousand."""
     level_trials: int = 40

@@ -33,8 +33,8 @@ def smoothness(
     anew: bool = False,
     settings: MotionSettings = MOTION,
 ) -> tuple[dict[str, float], bool]:
-    """Intensities that the readings ask for, as much above the likeliest as the segments want it, and
-    whether they had them already.
+    """Intensities that the readings ask for, as much above the likeliest as the segments want it,
+    and whether they had them already.
 
     Args:
         segments: With present motion; those with a smoothness share it.
@@ -67,8 +67,8 @@ def smoothness(
 
 @dataclass(frozen=True)
 class SmoothedMotion:
-    """A motion that has settled where readings and an intensity want it. Its roughness over the freedom
-    that the readings have used of it is the intensity that they ask for [MacKay1992]_.
+    """A motion that has settled where readings and an intensity want it. Its roughness over the
+    freedom that the readings have used of it is the intensity that they ask for [MacKay1992]_.
     """
 
     rough: Mapping[str, float]

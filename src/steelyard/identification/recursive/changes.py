@@ -1,6 +1,6 @@
-"""Whether something has changed within a chunk of the window, and what: every chunk has a body of its
-own, or a hand that pulls at it, or offsets of its force sensors, and what these say is compared with
-none (a generalised likelihood ratio, [Willsky1976]_).
+"""Whether something has changed within a chunk of the window, and what: every chunk has a body of
+its own, or a hand that pulls at it, or offsets of its force sensors, and what these say is compared
+with none (a generalised likelihood ratio, [Willsky1976]_).
 """
 
 from __future__ import annotations

@@ -83,8 +83,8 @@ def _about_the_end(found: Following, parts: Sequence[SegmentEquations]) -> Segme
 
 
 def _forgotten(experiment: Experiment) -> Experiment:
-    """An experiment without what was known of a mass that has walked since: it is part of what is told
-    of the last one.
+    """An experiment without what was known of a mass that has walked since: it is part of what is
+    told of the last one.
     """
     if not experiment.mass_walk:
         return experiment
@@ -101,6 +101,7 @@ def _of_walk(walk: float) -> Iterator[str]:
     """What a reader should know of a mass that walks."""
     if walk:
         yield (
-            f"the mass walks at random by {walk:g} kg/sqrt(s), as stated: it is that at the end; what"
+            f"the mass walks at random by {walk:g} kg/sqrt(s), as stated: it is that at the end;"
+            " what"
             " comes and goes is taken to be at the centre of gravity"
         )

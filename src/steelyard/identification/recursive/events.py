@@ -37,8 +37,8 @@ def advanced(following: Following, run: Run) -> Following:
 
 
 def followed_on(following: Following, run: Run) -> Following:
-    """The same with the oldest chunk still in the window, however long that is: what is known now does
-    not wait until it has left.
+    """The same with the oldest chunk still in the window, however long that is: what is known now
+    does not wait until it has left.
 
     Args:
         following: Up to now, relieved.
@@ -60,8 +60,8 @@ def followed_on(following: Following, run: Run) -> Following:
 
 
 def _followed_closely(before: Following, found: Following, run: Run) -> Following:
-    """With the last chunk on finer knots, where these take most of what it leaves of the readings beyond
-    their noise: the platform has begun to vibrate.
+    """With the last chunk on finer knots, where these take most of what it leaves of the readings
+    beyond their noise: the platform has begun to vibrate.
 
     Args:
         before: Without the chunk.
@@ -85,7 +85,8 @@ def _followed_closely(before: Following, found: Following, run: Run) -> Followin
 
 
 def _on_finer_knots(found: Following, most: int) -> Iterator[Following]:
-    """The same with all chunks of the window passed, on knots twice as close, again twice, and so on.
+    """The same with all chunks of the window passed, on knots twice as close, again twice, and so
+    on.
 
     Args:
         found: With knots that are further apart.

@@ -184,8 +184,8 @@ def _beginning_of(found: Following, run: Run) -> RunBeginning | None:
 
 
 def _as_known(task: Task, known: FitState, segment: Segment) -> Segment:
-    """A motion as its own instruments show it with what is known of them: what the beginning of its run
-    has made of their calibration is off by more than noise.
+    """A motion as its own instruments show it with what is known of them: what the beginning of its
+    run has made of their calibration is off by more than noise.
 
     Args:
         task: What is followed.
@@ -292,7 +292,8 @@ def follow(
 
 
 def _gone_on(found: Following, run: Run) -> Following:
-    """With the next chunk, or the motion again behind one that tells nothing; ended where there is none.
+    """With the next chunk, or the motion again behind one that tells nothing; ended where there is
+    none.
 
     Args:
         found: Up to there.
@@ -318,15 +319,17 @@ def _gone_on(found: Following, run: Run) -> Following:
         return ended
     if not ended.is_followed:
         raise NoBalanceError(
-            f"run '{run.name}': the motion was lost at {since:.1f} s, where what was read does not go on"
+            f"run '{run.name}': the motion was lost at {since:.1f} s, where what was read does not"
+            " go"
+            " on"
             " from before; use maximum-likelihood, which takes a recording as a whole"
         ) from lost
     return ended.remarked(f"run '{run.name}': nothing is told from {since:.1f} s on, where {why}")
 
 
 def _behind(ended: Following, run: Run, since: float) -> tuple[Following, float] | None:
-    """The motion again from where all instruments that read again do, and when that is [s]; None: it
-    ends where they no longer read.
+    """The motion again from where all instruments that read again do, and when that is [s]; None:
+    it ends where they no longer read.
 
     Args:
         ended: Up to there.

@@ -1,4 +1,6 @@
-"""A motion that is followed as it arrives: chunks are taken, pass, and make a posterior in the end."""
+"""A motion that is followed as it arrives: chunks are taken, pass, and make a posterior in the
+end.
+"""
 
 from __future__ import annotations
 
@@ -54,8 +56,8 @@ class Instant:
     time: float
     """In the time of the forces of the run [s]."""
     value: Array
-    """Of what the platform carries then: the ten of :data:`steelyard.inertia.BODY_PARAMETERS`, shape
-    (10,)."""
+    """Of what the platform carries then: the ten of :data:`steelyard.inertia.BODY_PARAMETERS`,
+    shape (10,)."""
     covariance: Array
     """Shape (10, 10)."""
 
@@ -231,8 +233,8 @@ class Following:
         return replace(found, recursion=found.recursion.ended())
 
     def ended_before(self) -> Following:
-        """With the motion ended where the window begins, for what may wait until the last seconds have
-        passed; where nothing of a run has passed yet, with all of it.
+        """With the motion ended where the window begins, for what may wait until the last seconds
+        have passed; where nothing of a run has passed yet, with all of it.
         """
         passed = {part.segment.run for part in self.parts}
         if any(chunk.segment.run not in passed for chunk in self.window.chunks):
@@ -244,8 +246,8 @@ class Following:
 
         Args:
             run: With what has arrived.
-            begun: Its beginning as it is fitted by itself; None: clocks and what it carries are as is
-                known.
+            begun: Its beginning as it is fitted by itself; None: clocks and what it carries are as
+                is known.
 
         Raises:
             NoBalanceError: It has no motion.

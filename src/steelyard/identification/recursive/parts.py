@@ -1,4 +1,6 @@
-"""Parts of a motion that have passed: told from another origin, summed up, or joined to one motion."""
+"""Parts of a motion that have passed: told from another origin, summed up, or joined to one
+motion.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""A chunk that leaves the window: it is linearised once more, eliminated, and says what it has told."""
+"""A chunk that leaves the window: it is linearised once more, eliminated, and says what it has
+told.
+"""
 
 from __future__ import annotations
 
@@ -55,8 +57,8 @@ class _Remains:
 
 
 def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
-    """With the first chunk of the window eliminated, and what it says, calibration parameters counted
-    from nothing.
+    """With the first chunk of the window eliminated, and what it says, calibration parameters
+    counted from nothing.
 
     Args:
         recursion: With a window that has a chunk.

@@ -1,8 +1,8 @@
 """The joint fit as a stream: what is known after some chunks, and a step over window and border.
 
 A chunk is linearised as it arrives, until it has settled (:mod:`.settling`), and once more when it
-leaves the window (:mod:`.passing`); then it is eliminated, and stays as it was linearised. A step is
-one of Gauss and Newton over window and border, with what remains of the past [Dellaert2006]_.
+leaves the window (:mod:`.passing`); then it is eliminated, and stays as it was linearised. A step
+is one of Gauss and Newton over window and border, with what remains of the past [Dellaert2006]_.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ class Recursion:
     unsettled: int = 0
     """Chunks in which the steps did not settle."""
     passed_on: int = 0
-    """Columns of the border about which what was known beforehand is part of what remains of the past:
-    where the mass walks, it is forgotten with it."""
+    """Columns of the border about which what was known beforehand is part of what remains of the
+    past: where the mass walks, it is forgotten with it."""
     alone: Mapping[tuple[str, Source], int] = field(default_factory=dict)
     """Run and quantity -> numbers that stood alone, and were left out."""
     settings: RecursiveSettings = RECURSIVE
@@ -128,8 +128,8 @@ class Recursion:
         return pick
 
     def information(self) -> tuple[Array, NDArray[np.intp]]:
-        """Inverse of the covariance of the columns that are estimated, shape (e, e), and which these
-        are.
+        """Inverse of the covariance of the columns that are estimated, shape (e, e), and which
+        these are.
 
         Raises:
             numpy.linalg.LinAlgError: The motion is not determined.
@@ -193,8 +193,8 @@ class Recursion:
         number: int,
         state: FitState | None = None,
     ) -> Recursion:
-        """With a chunk of the window as it is linearised, about a state, by all columns of the border;
-        None: about the present one, by those that are estimated.
+        """With a chunk of the window as it is linearised, about a state, by all columns of the
+        border; None: about the present one, by those that are estimated.
         """
         assert self.window is not None
         about, every = (self.state, False) if state is None else (state, True)

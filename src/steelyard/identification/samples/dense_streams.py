@@ -1,5 +1,5 @@
-"""Streams with many more samples than any motion of a platform asks for: their samples are averaged,
-so that a fit takes the time of the motion, not that of the converter.
+"""Streams with many more samples than any motion of a platform asks for: their samples are
+averaged, so that a fit takes the time of the motion, not that of the converter.
 
 The mean of n samples with white noise has a 1-sigma of sqrt(n) less and says all that they say of
 what hardly changes while they are taken. Where their noise is not stated it is estimated from the
@@ -22,7 +22,8 @@ from steelyard.identification.model.settings import MOTION, MotionSettings
 from steelyard.identification.samples.motion_noise import stands_still
 
 _APART = 16
-"""Samples over which the time between two is looked at: some converters hand them over in packets."""
+"""Samples over which the time between two is looked at: some converters hand them over in
+packets."""
 _ROUNDING = 1e-6
 """Of times, as a part of the number of samples in a group."""
 
@@ -143,8 +144,8 @@ def _about_middle(
     """Medians of groups, shape (g, k), how far samples are from them and which do not stand alone,
     shape (g, n, k).
 
-    What stands alone is far beyond what all but a few samples of the channel do within their groups.
-    Equal samples, as a stuck channel has them, keep their very value.
+    What stands alone is far beyond what all but a few samples of the channel do within their
+    groups. Equal samples, as a stuck channel has them, keep their very value.
     """
     there = np.isfinite(values)
     order = np.sort(np.where(there, values, np.inf), axis=1)

@@ -1,4 +1,6 @@
-"""Stretches of streams that are left out of a fit: channels that are stuck, trackers that have jumped."""
+"""Stretches of streams that are left out of a fit: channels that are stuck, trackers that have
+jumped.
+"""
 
 from __future__ import annotations
 

@@ -51,7 +51,8 @@ def forces_of(
     Args:
         experiment: With the instrument.
         name: Of it.
-        time: By its clock, moved to the common event [s]; of poses at rest their number; shape (n,).
+        time: By its clock, moved to the common event [s]; of poses at rest their number; shape
+            (n,).
         readings: Quantity -> readings, r numbers a sample in all.
         sigma: 1-sigma of single readings, shape (r,).
     """
@@ -89,8 +90,8 @@ def with_unresolved(experiment: Experiment, forces: Forces, spacing: float) -> F
 
 
 def louder_forces(forces: Forces, settings: MotionSettings = MOTION) -> dict[str, float]:
-    """Quantity -> by how much its readings scatter more than their noise from one sample to the next,
-    as those of an amplifier that picks up a hum do; without those of which it is not much.
+    """Quantity -> by how much its readings scatter more than their noise from one sample to the
+    next, as those of an amplifier that picks up a hum do; without those of which it is not much.
 
     Args:
         forces: Of a run in motion.

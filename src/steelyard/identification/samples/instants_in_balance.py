@@ -1,5 +1,5 @@
-"""What a run says at instants at which the platform is taken to be nearly in balance, and what a pose, a
-first body and the offsets of lengths would have it say.
+"""What a run says at instants at which the platform is taken to be nearly in balance, and what a
+pose, a first body and the offsets of lengths would have it say.
 """
 
 from __future__ import annotations

@@ -27,7 +27,8 @@ from steelyard.rotations import quaternions_of
 from steelyard.smoothing import DEGREE, knots
 
 _TIMES, _ALIKE = 4, 1.1
-"""That a variance is looked at again, and what is alike: the prior of what jerk leaves open is in it."""
+"""That a variance is looked at again, and what is alike: the prior of what jerk leaves open is in
+it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +47,8 @@ class Channelled:
 
 
 def evidence(stream: Channelled, grid: Array, settings: MotionSettings = MOTION) -> float:
-    """Largest log likelihood of a stream over the intensity of the noise in its derivative, and over
-    its own noise, which is what is stated at least.
+    """Largest log likelihood of a stream over the intensity of the noise in its derivative, and
+    over its own noise, which is what is stated at least.
 
     Args:
         stream: Within the knots.
@@ -74,7 +75,8 @@ def evidence(stream: Channelled, grid: Array, settings: MotionSettings = MOTION)
     least_variance = 0.0 if sigma is None else sigma**2
 
     def minus(log_intensity: float) -> float:
-        # The intensity is in units of the variance of the noise, which is likeliest as the misfit has
+        # The intensity is in units of the variance of the noise, which is likeliest as the misfit
+        # has
         # it: stamps that jitter make readings noisier than stated, and are no motion.
         variance = noise**2
         for _ in range(_TIMES if sigma is not None else 1):
@@ -143,8 +145,8 @@ def _evidences(
     end: float,
     settings: MotionSettings,
 ) -> Array:
-    """Evidence of each stream on knots of each spacing, shape (s, c): nothing of a stream that is not
-    there.
+    """Evidence of each stream on knots of each spacing, shape (s, c): nothing of a stream that is
+    not there.
     """
     found = np.zeros((len(streams), len(candidates)))
     grids = [knots(start, end, spacing) for spacing in candidates]
@@ -164,8 +166,8 @@ def _is_quiet(stream: Channelled, settings: MotionSettings) -> bool:
 
 
 def _widest(found: Array, settings: MotionSettings) -> int:
-    """Place of the widest spacing that is about as likely as the best, by evidences of shape (s, c); the
-    first where there are none.
+    """Place of the widest spacing that is about as likely as the best, by evidences of shape (s,
+    c); the first where there are none.
     """
     if not found.any():
         return 0
@@ -218,8 +220,8 @@ def chosen_spacing(
     """Spacing of the knots: as fine as the readings ask for, and somewhat finer; and what they
     could resolve, see :class:`Recorded`.
 
-    Lengths of cables that stretch read accelerations, which splines follow worst: by more than their
-    noise they ask for finer knots than what reads the motion itself.
+    Lengths of cables that stretch read accelerations, which splines follow worst: by more than
+    their noise they ask for finer knots than what reads the motion itself.
 
     Args:
         experiment: With its robot.
@@ -267,8 +269,8 @@ def chosen_spacing(
 
 
 def _integral(grid: Array, order: int) -> Array:
-    """Matrix of the integral of a squared derivative, lower banded form, shape (6, f); runs that are
-    alike have the same knots.
+    """Matrix of the integral of a squared derivative, lower banded form, shape (6, f); runs that
+    are alike have the same knots.
     """
     return _integral_of(grid.tobytes(), order)
 

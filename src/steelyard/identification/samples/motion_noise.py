@@ -25,8 +25,8 @@ def scatter(
     spacing: float,
     settings: MotionSettings = MOTION,
 ) -> float | None:
-    """1-sigma of samples about their own spline; None where they do not determine one, not even between
-    their gaps.
+    """1-sigma of samples about their own spline; None where they do not determine one, not even
+    between their gaps.
     """
     flat = values.reshape(len(values), -1)
     whole = fit(Samples1D(time, flat), start, end, spacing, robust=True) if len(time) else None
@@ -65,8 +65,8 @@ def least_noise(values: Array, settings: MotionSettings = MOTION) -> float:
 
 
 def rapid_scatter(values: Array) -> float:
-    """1-sigma of white noise that changes from sample to sample as much as the readings do, robustly;
-    what changes slowly does not count.
+    """1-sigma of white noise that changes from sample to sample as much as the readings do,
+    robustly; what changes slowly does not count.
 
     Args:
         values: Shape (n, k), n at least :data:`LEAST_RAPID`.
@@ -75,7 +75,8 @@ def rapid_scatter(values: Array) -> float:
 
 
 def by_differences(third: Array) -> Array:
-    """1-sigma of white noise by third differences of its samples, robustly: of each column, shape (k,).
+    """1-sigma of white noise by third differences of its samples, robustly: of each column, shape
+    (k,).
 
     Args:
         third: Shape (n, k); NaN where there is none.
@@ -84,8 +85,8 @@ def by_differences(third: Array) -> Array:
 
 
 def stands_still(values: Array) -> bool:
-    """Whether a quantity does nothing but flicker by its last digit, as the encoders of locked winches
-    do: it tells nothing of its noise.
+    """Whether a quantity does nothing but flicker by its last digit, as the encoders of locked
+    winches do: it tells nothing of its noise.
 
     Args:
         values: Readings, shape (n, ...).

@@ -328,7 +328,8 @@ def samples_of(
             if fault.kind == "dead" and of_it:
                 raise InputError(
                     f"{stream.source}: expected readings of {name} that change, found the same"
-                    f" {fault.channel.replace('_', ' ')} in all {fault.count} samples while its other"
+                    f" {fault.channel.replace('_', ' ')} in all {fault.count} samples while its"
+                    " other"
                     " channels read noise; repair the sensor, or take the instrument out of the"
                     " experiment"
                 )

@@ -234,7 +234,9 @@ class SmoothPart:
         }
 
     def noise(self, t: Array) -> dict[str, float]:
-        """1-sigma of the noise left in ``alpha``, and of single force readings about their spline."""
+        """1-sigma of the noise left in ``alpha``, and of single force readings about their
+        spline.
+        """
         forces = {"tension": self.tension} if self.reader.behind_rollers else self.forces
         return {
             "alpha": self.alpha_noise(t),

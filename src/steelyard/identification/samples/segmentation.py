@@ -264,8 +264,8 @@ def _shaken(
     grid: tuple[float, float, float],
     settings: MotionSettings,
 ) -> float:
-    """By how much readings of a rate or an acceleration scatter more than their noise about a spline
-    of their own; 1 where it is not much.
+    """By how much readings of a rate or an acceleration scatter more than their noise about a
+    spline of their own; 1 where it is not much.
 
     Args:
         stream: Of a run.
@@ -289,8 +289,8 @@ def _smooth(
     steps: Mapping[str, float],
     settings: MotionSettings,
 ) -> Iterator[Segment]:
-    """Segments with a first guess of how smooth they are: as rough as they begin with, spread over all
-    they could do.
+    """Segments with a first guess of how smooth they are: as rough as they begin with, spread over
+    all they could do.
 
     A part that its instruments do not resolve is no looser than it seems: nothing but forces would
     hold it, and these are to tell the body. A swing is held by its own equations of motion.

@@ -1,5 +1,5 @@
-"""Whether winches that are said to be locked have turned: the cables of a run then have other lengths
-at its end than at its beginning.
+"""Whether winches that are said to be locked have turned: the cables of a run then have other
+lengths at its end than at its beginning.
 
 A slack cable is shorter than its length for a moment, so that the longest distances count.
 """
@@ -49,6 +49,8 @@ def turned_winches(experiment: Experiment, samples: Samples) -> Iterator[str]:
         yield (
             f"run '{run.name}': {'cables' if len(turned) > 1 else 'cable'} {', '.join(turned)}"
             f" {'change their lengths' if len(turned) > 1 else 'changes its length'} by up to"
-            f" {1e3 * change.max():.0f} mm, though the winches are said to be locked; leave the part"
-            " in which they turned out with 'window', or remove 'winches: locked' and add the forces"
+            f" {1e3 * change.max():.0f} mm, though the winches are said to be locked; leave the"
+            " part"
+            " in which they turned out with 'window', or remove 'winches: locked' and add the"
+            " forces"
         )

@@ -47,8 +47,8 @@ class Bound:
 
 
 def bound_of(solution: Solution, value: Array | None = None) -> Bound:
-    """Bound of a solution over the ten linear parameters and all systematic errors: the inverse of its
-    information, without anything that this estimate lacks.
+    """Bound of a solution over the ten linear parameters and all systematic errors: the inverse of
+    its information, without anything that this estimate lacks.
 
     Args:
         solution: Over all columns.
@@ -75,7 +75,8 @@ def cramer_rao(
     Args:
         experiment: Its instruments and calibration priors say what there is to know.
         calibration: Values about which to linearise.
-        segments: Run -> its segments, with readings of the motion instruments and the motion itself.
+        segments: Run -> its segments, with readings of the motion instruments and the motion
+            itself.
         forces: Run -> force readings of each of these segments.
         parameters: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, shape (10,).
         known: Body parameters known beforehand with their 1-sigma.

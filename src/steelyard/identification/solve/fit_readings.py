@@ -121,8 +121,8 @@ def _scatter(found: Fitted) -> float:
 def _closer(
     readings: Readings, found: Fitted, tell: Tell, *beginnings: Fitted
 ) -> tuple[Readings, Beginning] | None:
-    """Finer knots that explain what is left of the forces, and the beginning on them; None: there are
-    no such ones.
+    """Finer knots that explain what is left of the forces, and the beginning on them; None: there
+    are no such ones.
 
     Args:
         readings: Of the experiment.
@@ -145,7 +145,9 @@ def _closer(
 def _fitted(
     readings: Readings, begun: Beginning, tell: Tell, vibrations: Mapping[str, FinerKnots]
 ) -> tuple[Readings, Fitted]:
-    """Motion and forces, leaving out what stands alone; and the readings on the knots that it took."""
+    """Motion and forces, leaving out what stands alone; and the readings on the knots that it
+    took.
+    """
     tell("motion and forces", 0.5)
     task = replace(begun.task, force_samples=readings.force_samples)
     task, state = with_jitter(task, with_stated(task, begun.state))

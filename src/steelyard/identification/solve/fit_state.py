@@ -42,8 +42,8 @@ class FitState:
     factors: Mapping[Source, float] = field(default_factory=dict)
     """Quantity -> noise in units of what its readings say."""
     jitters: Mapping[str, float] = field(default_factory=dict)
-    """Instrument -> 1-sigma of the jitter of its time stamps [s], where nobody has stated it and the
-    readings ask for it."""
+    """Instrument -> 1-sigma of the jitter of its time stamps [s], where nobody has stated it and
+    the readings ask for it."""
 
     @property
     def ten(self) -> int:
@@ -80,7 +80,9 @@ class Task:
 
     @property
     def columns(self) -> int:
-        """Columns of the border of all: the ten and every calibration parameter, estimated or not."""
+        """Columns of the border of all: the ten and every calibration parameter, estimated or
+        not.
+        """
         return TEN + len(self.calibration_parameters)
 
     @property

@@ -113,9 +113,9 @@ def without_knots(chunk: FittedStretch) -> FittedStretch:
 
 
 def handed_on(before: FittedStretch, after: FittedStretch) -> tuple[FittedStretch, FittedStretch]:
-    """Two chunks, with what the readings of both bring in the second: by their quantities, and where
-    both are of one run the normal equations. Of many chunks only the sum is asked for, and matrices of
-    each would take more memory than its readings.
+    """Two chunks, with what the readings of both bring in the second: by their quantities, and
+    where both are of one run the normal equations. Of many chunks only the sum is asked for, and
+    matrices of each would take more memory than its readings.
     """
     first, *others = (replace(part, by_source={}) for part in after.parts)
     first = replace(first, by_source=by_source(before.parts + after.parts))

@@ -234,7 +234,9 @@ def _covariances(parts: Sequence[Linearised]) -> tuple[Array, ...]:
 
 
 def _of_forces(task: Task, state: FitState, factors: Mapping[Source, float]) -> dict[Source, float]:
-    """Noise levels with those of the motion instruments as they are: forces tell nothing of them."""
+    """Noise levels with those of the motion instruments as they are: forces tell nothing of
+    them.
+    """
     names = {each.name for each in task.force_samples if each is not None} | {ROBOT}
     return {k: v if k[0] in names else state.factors.get(k, 1.0) for k, v in factors.items()}
 
@@ -269,8 +271,8 @@ def gradient_bias(task: Task, state: FitState, parts: Sequence[Linearised]) -> A
     opposite sign, segment by segment, shape (s, b).
 
     A held motion stands with its noise in the regressor, in the derivatives by the calibration
-    parameters and in the residual; where these meet, the gradient has a mean. It is the even part of
-    the gradient about the motion under draws of that noise.
+    parameters and in the residual; where these meet, the gradient has a mean. It is the even part
+    of the gradient about the motion under draws of that noise.
 
     Args:
         task: With forces.

@@ -223,8 +223,9 @@ def _lower(task: Task, last: FitState, origin: FitState) -> _Evaluated:
 def _rise(accepted: _Accepted, settings: FitSettings) -> float:
     """By how much the cost may rise with a step.
 
-    Steps end where the estimating equations are fulfilled, and these are not quite the derivative of
-    the cost: what nothing explains tells no gain. Near the end that is more than a step promises.
+    Steps end where the estimating equations are fulfilled, and these are not quite the derivative
+    of the cost: what nothing explains tells no gain. Near the end that is more than a step
+    promises.
     """
     near = accepted.step.decrement < settings.nearly_arrived * accepted.cost
     return (settings.nearly_arrived if near else settings.same_cost) * accepted.cost

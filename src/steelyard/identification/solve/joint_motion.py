@@ -1,5 +1,5 @@
-"""From an experiment to a posterior, with motion, body and calibration parameters at once, from the raw
-readings of all instruments: the whole of it, or a long recording window by window.
+"""From an experiment to a posterior, with motion, body and calibration parameters at once, from the
+raw readings of all instruments: the whole of it, or a long recording window by window.
 """
 
 from __future__ import annotations
@@ -135,8 +135,8 @@ def fit_by_windows(
 def _windows_about(
     part: Fitted, experiment: Experiment, runs: Sequence[Run], tell: Tell
 ) -> list[FittedStretch]:
-    """Windows of a long recording about what a part of it tells; the last one has what was left out of
-    all of them.
+    """Windows of a long recording about what a part of it tells; the last one has what was left out
+    of all of them.
     """
     found = fitted_windows(
         runs,

@@ -1,5 +1,5 @@
-"""Parts of long recordings: the lively one that tells calibration, noise and smoothness, and windows
-that a fit has the memory for, about these.
+"""Parts of long recordings: the lively one that tells calibration, noise and smoothness, and
+windows that a fit has the memory for, about these.
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ def windows(experiment: Experiment, settings: FitSettings = FIT) -> Iterator[Run
 
 
 def _within(experiment: Experiment, run: Run, first: float, last: float) -> Run:
-    """A window of a run, with what of its streams is read of one: what looks at a whole stream, as for
-    jumps, would look at all of it again for each.
+    """A window of a run, with what of its streams is read of one: what looks at a whole stream, as
+    for jumps, would look at all of it again for each.
     """
     streams = {}
     for name, stream in run.streams.items():
@@ -79,8 +79,8 @@ def _within(experiment: Experiment, run: Run, first: float, last: float) -> Run:
 def fitted_windows(
     runs: Sequence[Run], attempted: Iterator[Attempt], tell: Callable[[float], None]
 ) -> list[FittedStretch]:
-    """All windows that tell a motion; of the others the last one has a note: an hour is not lost for a
-    minute without a tracker, or one in which the platform rests.
+    """All windows that tell a motion; of the others the last one has a note: an hour is not lost
+    for a minute without a tracker, or one in which the platform rests.
 
     Args:
         runs: Windows of a long recording, of which a part has been fitted.
@@ -137,8 +137,8 @@ def _notes_of(left_out: Sequence[Run]) -> Iterator[str]:
 def window_about(
     part: Fitted, experiment: Experiment, run: Run
 ) -> tuple[Readings, FitState] | None:
-    """A window with its motion as the motion instruments alone give it, about calibration, noise and
-    smoothness of a part, in the time of the forces; None: it has no segment.
+    """A window with its motion as the motion instruments alone give it, about calibration, noise
+    and smoothness of a part, in the time of the forces; None: it has no segment.
     """
     known = part.fit.state
     readings = read(
@@ -214,8 +214,8 @@ def _stretch(experiment: Experiment, run: Run, longest: float, settings: FitSett
 def _least_read(
     experiment: Experiment, run: Run, sources: Sequence[Source], starts: Array, length: float
 ) -> Array:
-    """Share of the readings of some seconds that are there, of the quantity of which least are, shape
-    (s,).
+    """Share of the readings of some seconds that are there, of the quantity of which least are,
+    shape (s,).
 
     Args:
         experiment: With the clocks.

@@ -34,7 +34,8 @@ class NewtonStep:
     covariance: Array
     """Of the border."""
     promised: float
-    """By how much the cost should fall with this step: less than the decrement where it is held back."""
+    """By how much the cost should fall with this step: less than the decrement where it is held
+    back."""
     length: float
     """Of the border's step, in plausible sizes and prior 1-sigma: the largest of its parts."""
 
@@ -72,8 +73,8 @@ def step_of(
 ) -> NewtonStep:
     """Step of Gauss and Newton, or one that is held back [Marquardt1963]_.
 
-    What is known badly may step far, beyond where the equations hold; held back, it stays where it is
-    while what is known well goes on.
+    What is known badly may step far, beyond where the equations hold; held back, it stays where it
+    is while what is known well goes on.
 
     Args:
         task: What is fitted.

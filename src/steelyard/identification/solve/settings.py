@@ -12,8 +12,8 @@ from steelyard.identification.model.settings import MOTION, MotionSettings
 class FitSettings:
     """How :class:`steelyard.MaximumLikelihood` and the linear methods fit.
 
-    With these values the methods are within 3 % of the Cramer-Rao bound in ``benchmarks/studies.py``
-    and on the recordings of ``benchmarks/accuracy.py``.
+    With these values the methods are within 3 % of the Cramer-Rao bound in
+    ``benchmarks/studies.py`` and on the recordings of ``benchmarks/accuracy.py``.
     """
 
     motion: MotionSettings = MOTION
@@ -37,8 +37,8 @@ class FitSettings:
     badly_kept: float = 0.25
     """The same that is one not kept."""
     least_reach: float = 0.02
-    """Of the border in plausible sizes and prior 1-sigma: what moves less leaves the motion alone to
-    step too far."""
+    """Of the border in plausible sizes and prior 1-sigma: what moves less leaves the motion alone
+    to step too far."""
     uphill: int = 1
     """Steps that may go on from where the cost has risen, before a shorter one is tried: a curved
     valley is left by its tangent and reached again by the next step [Chamberlain1982]_."""
@@ -84,8 +84,8 @@ class FitSettings:
     """On a direction in units of plausible sizes and prior 1-sigma: one that is known no better
     than to twice its plausible size is not identifiable."""
     beyond_noise: float = 3.0
-    """Information in units of what noise of the motion alone would leave, below which a direction is
-    not identifiable: a motion at rest has one, a single move from rest to rest six."""
+    """Information in units of what noise of the motion alone would leave, below which a direction
+    is not identifiable: a motion at rest has one, a single move from rest to rest six."""
     held: float = 1e3
     """By how much such a direction is held more firmly than the best known one."""
     significant: float = 0.95
@@ -135,11 +135,11 @@ class FitSettings:
     """Tension of a cable that nobody reads, as a part of all tensions, below which it may be slack:
     motion capture tells it to one or two hundredths."""
     slack_margin: float = 0.1
-    """What is left out before and after a cable is slack [s]: the knots on either side of a jerk; with
-    half of it the 1-sigma of the body are still too small by half."""
+    """What is left out before and after a cable is slack [s]: the knots on either side of a jerk;
+    with half of it the 1-sigma of the body are still too small by half."""
     hand_window: float = 0.25
-    """Over which the residual of a swing without force sensors is averaged [s]: shorter than a push,
-    longer than noise of the motion goes on."""
+    """Over which the residual of a swing without force sensors is averaged [s]: shorter than a
+    push, longer than noise of the motion goes on."""
     hand: float = 6.0
     """That residual, in units of its median, that is a hand: swings make it up to 3."""
     hand_around: float = 3.0
@@ -188,8 +188,9 @@ class FitSettings:
     """Standard normal score from which such an error is estimated: one in a thousand sound
     recordings, over all of them."""
     needless: float = 3.3
-    """Standard normal score below which one is none after all, beside processes that came later: one
-    that is there is not to be lost for a score just below the former, to be named by the verdict."""
+    """Standard normal score below which one is none after all, beside processes that came later:
+    one that is there is not to be lost for a score just below the former, to be named by the
+    verdict."""
     suspicions: int = 3
     """Times that this is looked at: one error may stand in for another."""
 
@@ -212,7 +213,8 @@ class FitSettings:
     """Unit -> rms of a disturbance of an instrument that nobody has stated, beyond which it is no
     drift, filter or lost target but an error of the description."""
     largest_drift: float = 0.1
-    """1-sigma of coloured noise of forces that nobody has stated, at most, over what they usually read."""
+    """1-sigma of coloured noise of forces that nobody has stated, at most, over what they usually
+    read."""
     level_settled: float = 0.2
     """Largest logarithm of a change of level at which these have settled."""
 
@@ -225,7 +227,8 @@ class FitSettings:
 
     jittering: float = 6.0
     """Standard normal score of residuals that are larger where the readings change quickly, from
-    which stamps are taken to scatter: residuals have longer tails than squares of normal numbers."""
+    which stamps are taken to scatter: residuals have longer tails than squares of normal
+    numbers."""
     least_jitter: float = 0.3
     """What stamps that scatter must make of the noise of a reading at least: less is a twentieth of
     its variance."""
@@ -244,8 +247,8 @@ class FitSettings:
     """Length of recording beyond which motion and forces are fitted window by window too [s]: what
     they take of memory grows by 1.6 MiB a second at some hundred samples a second."""
     part_jointly: float = 240.0
-    """Length of it that tells calibration, noise and smoothness first [s]: the step from there to what
-    the whole says is one of a few 1-sigma of the whole, and linear."""
+    """Length of it that tells calibration, noise and smoothness first [s]: the step from there to
+    what the whole says is one of a few 1-sigma of the whole, and linear."""
     long_block: float = 10.0
     """Least length of the stretches that are held against each other then [s]."""
     most_long_blocks: int = 120
@@ -253,8 +256,8 @@ class FitSettings:
     most_passes: int = 3
     """Through the windows: one where the step is small, more where it is not."""
     small_step: float = 10.0
-    """Largest step of a pass, in 1-sigma of the whole, that is linear: in ten minutes about two of them
-    a second pass moved the ten by a hundredth."""
+    """Largest step of a pass, in 1-sigma of the whole, that is linear: in ten minutes about two of
+    them a second pass moved the ten by a hundredth."""
     long: float = 180.0
     """Length of recording beyond which the linear methods fit it window by window [s]: the memory
     that a fit takes grows by some MiB a second."""
@@ -268,7 +271,8 @@ class FitSettings:
     window: float = 60.0
     """Of a long recording [s]."""
     jobs: int = 1
-    """Processes that work at a time on the windows of one: they say the same whatever their number."""
+    """Processes that work at a time on the windows of one: they say the same whatever their
+    number."""
 
 
 FIT = FitSettings()

@@ -1,5 +1,5 @@
-"""Windows of a long recording, one after the other or by several processes: given what a part of the
-recording tells, none of them waits for another.
+"""Windows of a long recording, one after the other or by several processes: given what a part of
+the recording tells, none of them waits for another.
 """
 
 from __future__ import annotations
@@ -81,7 +81,9 @@ def _packed_attempt(given: bytes, run: Run) -> bytes:
 
 @lru_cache(maxsize=1)
 def _given(given: bytes) -> tuple[About, Fitted, Experiment]:
-    """What every window is given: the same objects for all of them, as functions are kept by these."""
+    """What every window is given: the same objects for all of them, as functions are kept by
+    these.
+    """
     found: tuple[About, Fitted, Experiment] = unpacked(given)
     return found
 

@@ -1,5 +1,5 @@
-"""Disturbances that are stated: coloured noise, drifts and shifts of instruments, an unmodelled wrench
-on the platform.
+"""Disturbances that are stated: coloured noise, drifts and shifts of instruments, an unmodelled
+wrench on the platform.
 
 They are there from the beginning, with what is stated of level and correlation time; the rest is
 taken from the data.
@@ -31,18 +31,19 @@ from steelyard.instruments import Instrument
 from steelyard.instruments.noise import Disturbance
 
 _AS_LONG = 2.0
-"""Correlation time of a drift in lengths of its segment: within it, it grows as a random walk does."""
+"""Correlation time of a drift in lengths of its segment: within it, it grows as a random walk
+does."""
 _LEAST = 0.05
 """Part of a heading that any axis of an orientation may have, so that none is exact."""
 
 
 _SWINGS = 0.5
-"""Correlation time of what swings or flows in a load [s]: of pendulums and liquids of some decimetres.
-Longer ones would take up the weight."""
+"""Correlation time of what swings or flows in a load [s]: of pendulums and liquids of some
+decimetres. Longer ones would take up the weight."""
 _ALONG_GRAVITY = 0.5
 """How much of that it pulls along gravity, as a part of what it pulls across: by the angle to which
-it swings. What it pulls at the frequencies of the motion is told as errors of offsets and places, too:
-with a fifth masses of a desk robot were 1.3 to 1.9 of their 1-sigma too small."""
+it swings. What it pulls at the frequencies of the motion is told as errors of offsets and places,
+too: with a fifth masses of a desk robot were 1.3 to 1.9 of their 1-sigma too small."""
 
 
 def denied(experiment: Experiment) -> frozenset[Source]:
@@ -193,8 +194,8 @@ def _losses(segment: Segment, source: Source, settings: MotionSettings) -> int:
 
 
 def _shares_of_heading(segment: Segment, instrument: Instrument, up: Array) -> Array:
-    """How much of a rotation about the vertical an orientation sees about each of its axes, rms along
-    a segment, shape (3,).
+    """How much of a rotation about the vertical an orientation sees about each of its axes, rms
+    along a segment, shape (3,).
     """
     local = segment.basis(np.linspace(*segment.span, 100))
     pose, *_ = motion_at(local, segment.coefficients)

@@ -86,7 +86,8 @@ def _of_motion(
     for name in posterior.left_out:
         yield (
             f"with {name} the estimate does not settle: it contradicts the other instruments, and"
-            f" this estimate is without it; check its axes, signs, units and 'sync', or leave it out"
+            " this estimate is without it; check its axes, signs, units and 'sync', or leave it"
+            " out"
             f" yourself ('--without {name}')"
         )
     if not posterior.motion_converged:
@@ -97,7 +98,8 @@ def _of_motion(
     elif not posterior.fit.converged:
         worst = posterior.by_contradiction[:1]
         yield (
-            f"the estimate did not settle in {posterior.fit.turns} steps: the description is far from"
+            f"the estimate did not settle in {posterior.fit.turns} steps: the description is far"
+            " from"
             " what the data show; check axes, signs, units and 'sync'"
             + (
                 f", first of all of {worst[0]}, which departs from the motion by"
@@ -121,7 +123,8 @@ def _of_motion(
         if instrument.stands_in(posterior.calibration.calibration_parameters.m):
             if ratio**2 > settings.twice:
                 yield (
-                    f"cables change their lengths by {ratio:.1f} times 'length_noise' though winches"
+                    f"cables change their lengths by {ratio:.1f} times 'length_noise' though"
+                    " winches"
                     " are locked; leave the part in which winches turn or ropes slip out with"
                     " 'window', or state a larger 'uncertainty: {length_noise: …}', or none"
                 )
@@ -141,7 +144,9 @@ def _of_motion(
 
 
 def _of_latencies(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
-    """Instruments that are later than is stated of them: what else was stated may be wrong as well."""
+    """Instruments that are later than is stated of them: what else was stated may be wrong as
+    well.
+    """
     parameters = posterior.calibration.calibration_parameters
     for each in parameters.entries:
         if each.key != LATENCY or each.is_absent:
@@ -160,8 +165,8 @@ def _of_latencies(posterior: Posterior, settings: VerdictSettings) -> Iterator[s
 
 
 def _always_still(experiment: Experiment, name: str, quantity: str) -> bool:
-    """Whether nothing moves what an instrument reads, as encoders of locked winches: its noise does not
-    show.
+    """Whether nothing moves what an instrument reads, as encoders of locked winches: its noise does
+    not show.
     """
     return all(
         stands_still(run.streams[name].values[quantity])
@@ -187,7 +192,8 @@ def _more_equations(posterior: Posterior, settings: VerdictSettings) -> str:
     left_out = [each.touched for each in posterior.force_samples if each.guessed.all()]
     if left_out and np.concatenate(left_out).mean() > settings.mostly_left_out:
         return (
-            "the notes say what is left out of the swings; push less, or hang the platform where all"
+            "the notes say what is left out of the swings; push less, or hang the platform where"
+            " all"
             " its cables pull"
         )
     return "record longer"
@@ -215,7 +221,9 @@ def _of_forces(
         yield (
             f"forces and motion do not balance: the residual is {np.sqrt(solution.ratio):.1f} times"
             " what the stated noise explains; check the order and the unit of the force sensors,"
-            " the geometry of the robot, whether anything touched the platform, and 'noise' (where it is"
+            " the geometry of the robot, whether anything touched the platform, and 'noise' (where"
+            " it"
+            " is"
             " left out, it is estimated)"
         )
     elif (
@@ -238,7 +246,8 @@ def _of_forces(
         outliers = float(np.mean(weights < 1))
         if outliers > settings.most_outliers:
             yield (
-                f"run '{run}': {outliers:.0%} of the samples stand out ({_when(posterior, run)}); check"
+                f"run '{run}': {outliers:.0%} of the samples stand out ({_when(posterior, run)});"
+                " check"
                 " whether anything touched the platform"
             )
 
@@ -319,7 +328,9 @@ def _of_runs(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
         return
     if chi2_tail(chi / posterior.noise_factor, freedom) < settings.family / 10:
         yield (
-            f"the runs contradict each other (chi-square {chi:.0f} on {freedom:.0f}); check whether the"
+            f"the runs contradict each other (chi-square {chi:.0f} on {freedom:.0f}); check"
+            " whether"
+            " the"
             " load or a sensor changed between them"
         )
 

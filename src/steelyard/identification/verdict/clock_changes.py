@@ -1,8 +1,9 @@
 """Whether a clock was set while it ran: its delay is then another after that time than before.
 
-What else changes in a recording (a sensor that slips, an offset that jumps) departs from the motion by
-as much throughout, and coloured noise carries it. A clock that was set departs by the speed of the
-platform times its step, and fits settle on a motion between both, or coloured noise carries that, too.
+What else changes in a recording (a sensor that slips, an offset that jumps) departs from the motion
+by as much throughout, and coloured noise carries it. A clock that was set departs by the speed of
+the platform times its step, and fits settle on a motion between both, or coloured noise carries
+that, too.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ _STEP = 0.25
 _RATE = 0.05
 """Before and after an instant, whose difference is a rate [s]."""
 _MOSTLY = 0.8
-"""Part of coloured noise that a change of a delay explains where it stands for one: .04 and .01 where a
-tracker was reacquired and a gyro walked."""
+"""Part of coloured noise that a change of a delay explains where it stands for one: .04 and .01
+where a tracker was reacquired and a gyro walked."""
 _FEWEST = 6.0
 """Independent numbers of coloured noise, of which two explain so much by chance only."""
 
@@ -64,9 +65,12 @@ class ClockChange:
         names = " and ".join(self.owners)
         own = f"give {names} a 'clock' of its own, and " if self.within_clock else ""
         return (
-            f"run '{self.run}': time stamps of {names} seem to shift against those of other instruments by"
+            f"run '{self.run}': time stamps of {names} seem to shift against those of other"
+            " instruments"
+            " by"
             f" some {round(1e3 * abs(self.size), 1):g} ms, at about {self.time:.1f} s (z ="
-            f" {abs(self.z):.1f}), as if a clock was set while it ran; {own}give the parts before and"
+            f" {abs(self.z):.1f}), as if a clock was set while it ran; {own}give the parts before"
+            " and"
             " after as two runs, each with its 'window'"
         )
 
@@ -87,8 +91,8 @@ def set_clocks(posterior: Posterior, settings: VerdictSettings = VERDICT) -> Ite
 
 
 def delay_changes(posterior: Posterior, settings: VerdictSettings = VERDICT) -> list[ClockChange]:
-    """A score test [Rao1948]_ for every delay and every bound between two stretches of a run, whether
-    another delay suits what follows.
+    """A score test [Rao1948]_ for every delay and every bound between two stretches of a run,
+    whether another delay suits what follows.
 
     Args:
         posterior: With the stretches.
@@ -170,8 +174,9 @@ def _changes(
 def disturbing_changes(
     posterior: Posterior, settings: VerdictSettings = VERDICT
 ) -> Iterator[ClockChange]:
-    """Changes of delays that coloured noise of a motion instrument stands for: it departs by the rate of
-    what is read times a step. With such noise a delay is hardly told, and its score is small.
+    """Changes of delays that coloured noise of a motion instrument stands for: it departs by the
+    rate of what is read times a step. With such noise a delay is hardly told, and its score is
+    small.
 
     Args:
         posterior: With the motion.
@@ -196,8 +201,8 @@ def disturbing_changes(
 def _step_of_delay(
     time: Array, moved: Array, departs: Array, correlated: float, settings: VerdictSettings
 ) -> tuple[float, float, float] | None:
-    """When a delay would change for readings to depart like this [s], by how much [s], and how surely, in
-    sigma of a normal number; None: no such change explains most of it.
+    """When a delay would change for readings to depart like this [s], by how much [s], and how
+    surely, in sigma of a normal number; None: no such change explains most of it.
 
     Args:
         time: Of n readings [s].
@@ -217,7 +222,8 @@ def _step_of_delay(
         np.column_stack([np.interp(time + step, time, each) for each in moved.T])
         for step in (_RATE, -_RATE)
     )
-    # Of what is late by more, less of the motion has come: of a delay throughout, and of one from each
+    # Of what is late by more, less of the motion has come: of a delay throughout, and of one from
+    # each
     # instant on, beside a constant.
     rate = (before - later) / (2 * _RATE)
     rate -= rate.mean(axis=0)

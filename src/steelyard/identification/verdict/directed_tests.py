@@ -144,8 +144,8 @@ def _of_fixed(posterior: Posterior, settings: VerdictSettings) -> Iterator[Findi
 
 
 def _may_be_alone(unknown: CalibrationParameter, component: int, size: float) -> bool:
-    """Whether a number may be off by so much while all others of its parameter are right: of what bends,
-    those on the diagonal, which are positive.
+    """Whether a number may be off by so much while all others of its parameter are right: of what
+    bends, those on the diagonal, which are positive.
     """
     if not unknown.bends:
         return True
@@ -154,8 +154,8 @@ def _may_be_alone(unknown: CalibrationParameter, component: int, size: float) ->
 
 
 def pulled_by_priors(posterior: Posterior, use: NDArray[np.intp]) -> Array:
-    """Scores of what is estimated, without those of its priors: what these pull is no evidence against
-    what is not estimated, shape (u,).
+    """Scores of what is estimated, without those of its priors: what these pull is no evidence
+    against what is not estimated, shape (u,).
 
     Args:
         posterior: With the scores.
@@ -173,9 +173,9 @@ def _by_curvature(
     follow: Array,
     information: Array,
 ) -> tuple[Array, Array]:
-    """What noise of the motion in the derivatives does to the tests: variance of the scores since the
-    estimate is not where it would be, were the likelihood curved as the products of derivatives say,
-    and the part of the information that no noise has told, shape (t,) each.
+    """What noise of the motion in the derivatives does to the tests: variance of the scores since
+    the estimate is not where it would be, were the likelihood curved as the products of derivatives
+    say, and the part of the information that no noise has told, shape (t,) each.
 
     Args:
         total: Of all runs.
@@ -230,11 +230,13 @@ def _by_blocks(
 
 
 def _of_priors(posterior: Posterior, settings: VerdictSettings) -> Iterator[Finding]:
-    r"""Calibration parameters that were estimated: whether they came out where their prior has them.
+    r"""Calibration parameters that were estimated: whether they came out where their prior has
+    them.
 
-    With an error :math:`e` of covariance :math:`P` and a gain :math:`G`, an estimate lies off its prior
-    mean by a variance of :math:`P_0 + P - 2 G`, for :math:`\operatorname{cov}(e, x) = -G`. Where the
-    noise of the motion makes :math:`P` larger than :math:`G`, this is more than :math:`P_0 - P`.
+    With an error :math:`e` of covariance :math:`P` and a gain :math:`G`, an estimate lies off its
+    prior mean by a variance of :math:`P_0 + P - 2 G`, for :math:`\operatorname{cov}(e, x) = -G`.
+    Where the noise of the motion makes :math:`P` larger than :math:`G`, this is more than
+    :math:`P_0 - P`.
     """
     calibration_parameters, values = (
         posterior.calibration.calibration_parameters,
@@ -273,8 +275,8 @@ def _of_priors(posterior: Posterior, settings: VerdictSettings) -> Iterator[Find
 
 
 def length_of(posterior: Posterior) -> Callable[[Array], float]:
-    """Length of a change of the ten linear parameters, shape (10,), in the 1-sigma of what is told: a
-    function, since it is asked of hundreds.
+    """Length of a change of the ten linear parameters, shape (10,), in the 1-sigma of what is told:
+    a function, since it is asked of hundreds.
     """
     told = posterior.identifiable
     J = body_jacobian(posterior.parameters)[told]
@@ -294,17 +296,23 @@ def _proposal(owner: str, key: str) -> str:
     if owner == ROBOT:
         head = key.partition(".")[0]
         return {
-            "attached": "look for a hose or a cable that pulls at the platform, or hold it differently",
-            "hose": "check this number of the hose under 'attached', or state a larger 'sigma' there",
+            "attached": (
+                "look for a hose or a cable that pulls at the platform, or hold it differently"
+            ),
+            "hose": (
+                "check this number of the hose under 'attached', or state a larger 'sigma' there"
+            ),
             "damping": (
                 "swings decay faster than is plausible; look for what rubs at cables or rollers"
             ),
             "swivel": (
-                "swings decay by more friction than is plausible; look for what rubs at this cable's"
+                "swings decay by more friction than is plausible; look for what rubs at this"
+                " cable's"
                 " anchor"
             ),
             "bending": (
-                "a part of the platform seems to bend; stiffen it, move more slowly, or state 'bending'"
+                "a part of the platform seems to bend; stiffen it, move more slowly, or state"
+                " 'bending'"
             ),
             "drag": "the air seems to slow the platform; move it more slowly, or make it smaller",
             "anchor": "measure this anchor again, or state a larger 'uncertainty: {anchor: …}'",

@@ -1,5 +1,5 @@
-"""The balance of forces along a stretch of motion, whitened, without what is unmodelled: what a test of
-something that moves looks at.
+"""The balance of forces along a stretch of motion, whitened, without what is unmodelled: what a
+test of something that moves looks at.
 """
 
 from __future__ import annotations

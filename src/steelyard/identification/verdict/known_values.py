@@ -32,7 +32,8 @@ class KnownValue:
     """
 
     name: str
-    """One of :data:`steelyard.inertia.BODY_PARAMETERS`; ``added mass``, ``added first moment x`` …"""
+    """One of :data:`steelyard.inertia.BODY_PARAMETERS`; ``added mass``, ``added first moment x``
+    …"""
     unit: str
     stated: float
     sigma: float
@@ -59,8 +60,8 @@ class KnownValue:
 
 
 def known_values(posterior: Posterior) -> Iterator[KnownValue]:
-    """Each against the readings with all else that is known, in the platform frame as it was stated;
-    none that only its statement tells.
+    """Each against the readings with all else that is known, in the platform frame as it was
+    stated; none that only its statement tells.
 
     Args:
         posterior: Of the load that they are of.

@@ -36,8 +36,8 @@ class Prediction:
     spread: Array
     """Standard deviation of the measured wrench [N], [N m], shape (6,)."""
     interval: float = 0.0
-    """All are of means over so long, the spacing of the knots [s]: what changes faster is not in the
-    fitted motion; 0: of single samples."""
+    """All are of means over so long, the spacing of the knots [s]: what changes faster is not in
+    the fitted motion; 0: of single samples."""
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""

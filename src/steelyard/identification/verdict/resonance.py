@@ -2,10 +2,10 @@
 that bends.
 
 Its pull follows the platform's acceleration by a response of its own, so that neither a rigid body
-nor a process that is independent of the motion can stand for it, and the body is wrong by it. A score
-test [Rao1948]_ asks, at one frequency after the other, whether the balance of forces holds better
-with such a pull. What resembles one by chance, or since some error of the description also follows
-the acceleration, does so at neighbouring frequencies as well; a resonance does not.
+nor a process that is independent of the motion can stand for it, and the body is wrong by it. A
+score test [Rao1948]_ asks, at one frequency after the other, whether the balance of forces holds
+better with such a pull. What resembles one by chance, or since some error of the description also
+follows the acceleration, does so at neighbouring frequencies as well; a resonance does not.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ from steelyard.inertia import TEN
 _PERIODS = 2.0
 """Of a resonance that is looked for, within a stretch."""
 _LINE = 0.5
-"""Of a frequency from the one before, over the width of a line: of what stands between them more than
-half is seen, and more than nine tenths where it is looked at more closely."""
+"""Of a frequency from the one before, over the width of a line: of what stands between them more
+than half is seen, and more than nine tenths where it is looked at more closely."""
 _NEAR = 9
 """Frequencies between those about the likeliest, where it is looked at more closely."""
 _BESIDE = 1.4
@@ -55,13 +55,15 @@ _BESIDE = 1.4
 _WIDTHS = 4.0
 """Of its line, by which others are beside it where that is less."""
 _SHARP = 3.0
-"""By how much more the cost falls at a resonance than beside it: seven times and more for loads of a
-percent of a platform; 1.3 where a platform that swings freely rubs in a way that its friction is not."""
+"""By how much more the cost falls at a resonance than beside it: seven times and more for loads of
+a percent of a platform; 1.3 where a platform that swings freely rubs in a way that its friction is
+not."""
 _LINES, _HUMS = 2.0, 17
-"""Lines of a stretch on either side of a resonance at which something may hum, and how many are tried."""
+"""Lines of a stretch on either side of a resonance at which something may hum, and how many are
+tried."""
 _BENDS = 1e-6
-"""Probability by chance of what looks like residual flexibility and is not in the estimate, from which on
-it is asked at which frequency: of 26 given recordings without any the least was .01."""
+"""Probability by chance of what looks like residual flexibility and is not in the estimate, from
+which on it is asked at which frequency: of 26 given recordings without any the least was .01."""
 _CHANCE = 1e-10
 """Probability of it by chance, over all frequencies: errors of the description come first."""
 
@@ -91,18 +93,24 @@ class Resonance:
         moves = f"it moves the estimate by {self.shift:.1f} sigma"
         if self.mass is not None:
             return (
-                f"something of about {self.mass:.2g} kg seems to swing at {self.frequency:.2g} Hz below"
-                f" the platform ({moves}), which is no part of a rigid body; fix it, or take it off and"
+                f"something of about {self.mass:.2g} kg seems to swing at {self.frequency:.2g} Hz"
+                " below"
+                f" the platform ({moves}), which is no part of a rigid body; fix it, or take it"
+                " off"
+                " and"
                 " add it afterwards"
             )
         if self.frequency is None:
             return (
-                "parts of the platform seem to bend in a way that flexibility above the motion does not"
+                "parts of the platform seem to bend in a way that flexibility above the motion"
+                " does"
+                " not"
                 f" explain ({moves}); stiffen them, or move more slowly"
             )
         return (
             f"a part of the platform seems to move at {self.frequency:.2g} Hz against the rest"
-            f" ({moves}), which is no part of a rigid body; stiffen it or fix it, or move more slowly"
+            f" ({moves}), which is no part of a rigid body; stiffen it or fix it, or move more"
+            " slowly"
             " than it does"
         )
 
@@ -158,8 +166,8 @@ def _bends_otherwise(
     whole: float,
     duration: float,
 ) -> Resonance | None:
-    """What bends and is no residual flexibility: where the motion comes near its own frequency, it answers
-    more than that, and the matrix that the readings ask for is none that can be.
+    """What bends and is no residual flexibility: where the motion comes near its own frequency, it
+    answers more than that, and the matrix that the readings ask for is none that can be.
 
     Args:
         found: What the estimate stands on.
@@ -265,8 +273,8 @@ def _rows_at(asked: Sequence[AskedStretch], frequency: float) -> tuple[Array, ..
 def _hums(
     asked: Sequence[AskedStretch], frequency: float, test: ScoreTest, duration: float
 ) -> bool:
-    """Whether what keeps on vibrating, whatever the motion is, explains more than what follows it: forces
-    that hum are no part that moves.
+    """Whether what keeps on vibrating, whatever the motion is, explains more than what follows it:
+    forces that hum are no part that moves.
     """
     pulls = [rows @ test.pull[:, None] for rows in _rows_at(asked, frequency)]
     follows = _explained(asked, pulls)
@@ -286,7 +294,9 @@ def _explained(asked: Sequence[AskedStretch], rows: Sequence[Array]) -> float:
 
 
 def _tested(asked: Sequence[AskedStretch], frequencies: Array) -> Iterator[ScoreTest]:
-    """A pull at one point of the platform, which is as unknown as its mass, at each frequency [Hz]."""
+    """A pull at one point of the platform, which is as unknown as its mass, at each frequency
+    [Hz].
+    """
     together = zip(frequencies, *(each.rows(frequencies) for each in asked), strict=True)
     for frequency, *rows in together:
         yield _fall(asked, float(frequency), rows)

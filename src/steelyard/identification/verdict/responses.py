@@ -1,6 +1,6 @@
-"""How what moves against the platform pulls at it: an oscillator, or a load on a string; and what the
-balance of forces along a stretch makes of that, for each kind of thing that is looked for, and score tests
-of it.
+"""How what moves against the platform pulls at it: an oscillator, or a load on a string; and what
+the balance of forces along a stretch makes of that, for each kind of thing that is looked for, and
+score tests of it.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ _PULLED = np.stack(
     ],
     axis=1,
 )
-"""Wrenches that a pull makes, of a kilogramme and of a kilogramme a metre away along each axis, as linear
-functions of it, platform frame, shape (6, 4, 3)."""
+"""Wrenches that a pull makes, of a kilogramme and of a kilogramme a metre away along each axis, as
+linear functions of it, platform frame, shape (6, 4, 3)."""
 
 
 class Kind(NamedTuple):
@@ -78,8 +78,8 @@ class AskedStretch:
     white: Array
     """The whitener in units of the scatter, shape (n, 6, 6)."""
     by_pull: tuple[Array, ...]
-    """How the whitened balance follows each component of a pull, shape (n, 6, c) each: of a kilogramme
-    and of a kilogramme a metre away; empty of what bends."""
+    """How the whitened balance follows each component of a pull, shape (n, 6, c) each: of a
+    kilogramme and of a kilogramme a metre away; empty of what bends."""
 
     @classmethod
     def of(cls, stretch: ForceStretch, kind: Kind, whole: float) -> AskedStretch:
@@ -109,12 +109,14 @@ class AskedStretch:
             yield innovations(white, self.stretch.use, self.stretch.kept)
 
     def whitened(self, wrenches: Array) -> Array:
-        """Columns of the balance as the residual is, shape (6 n - 6, c), from wrenches (n, 6, c)."""
+        """Columns of the balance as the residual is, shape (6 n - 6, c), from wrenches (n, 6,
+        c).
+        """
         return innovations(self.white @ wrenches, self.stretch.use, self.stretch.kept)
 
     def bent(self, frequency: float, elements: Sequence[int] = EVERY_ELEMENT) -> Array:
-        """Wrench that the cables exert where a part follows the motion behind springs, by elements of its
-        matrix, shape (n, 6, k), see :func:`.bending_regressor`.
+        """Wrench that the cables exert where a part follows the motion behind springs, by elements
+        of its matrix, shape (n, 6, k), see :func:`.bending_regressor`.
 
         Args:
             frequency: [Hz]; infinite: it follows at once, as what bends far above the motion does.
@@ -151,8 +153,9 @@ class AskedStretch:
         return np.asarray(found)
 
     def by_itself(self, frequency: float, damping: float) -> Array:
-        """The same of what vibrates at a frequency whatever the motion is, as a wrench on the platform,
-        shape (6 n - 6, 12): it goes on from where it was in the beginning, which nobody knows.
+        """The same of what vibrates at a frequency whatever the motion is, as a wrench on the
+        platform, shape (6 n - 6, 12): it goes on from where it was in the beginning, which nobody
+        knows.
 
         Args:
             frequency: [Hz]
@@ -166,8 +169,8 @@ class AskedStretch:
 
 
 def oscillator(driven: Array, omega: float, damping: float, step: float) -> Array:
-    """Pull of a kilogramme on a spring, ``omega^2 x`` of ``x'' + 2 damping omega x' + omega^2 x = -driven`` from
-    rest, by the trapezoidal rule, shape (t, 3).
+    """Pull of a kilogramme on a spring, ``omega^2 x`` of ``x'' + 2 damping omega x' + omega^2 x =
+    -driven`` from rest, by the trapezoidal rule, shape (t, 3).
 
     Args:
         driven: Acceleration at equal steps [m/s^2], shape (t, 3).
@@ -193,15 +196,17 @@ def oscillator(driven: Array, omega: float, damping: float, step: float) -> Arra
 def pendulums(
     acceleration: Array, gravity: Array, omega: Array, damping: float, step: float
 ) -> Array:
-    """Pull of a kilogramme on a string, beyond that of one that is fixed, world frame [N], shape (f, t,
-    3): of a spherical pendulum at any angle, from where it hangs at first, by the method of Runge and
-    Kutta.
+    """Pull of a kilogramme on a string, beyond that of one that is fixed, world frame [N], shape
+    (f, t, 3): of a spherical pendulum at any angle, from where it hangs at first, by the method of
+    Runge and Kutta.
 
-    A string tells nothing but its direction: ``r'' = g - a + T r - 2 damping omega r'``, where T keeps its
-    length ``|g| / omega^2`` [Goldstein2002]_ (chapter 2.4, a constraint with its multiplier).
+    A string tells nothing but its direction: ``r'' = g - a + T r - 2 damping omega r'``, where T
+    keeps its length ``|g| / omega^2`` [Goldstein2002]_ (chapter 2.4, a constraint with its
+    multiplier).
 
     Args:
-        acceleration: Of the point where it hangs, world frame, at equal steps [m/s^2], shape (t, 3).
+        acceleration: Of the point where it hangs, world frame, at equal steps [m/s^2], shape (t,
+            3).
         gravity: World frame [m/s^2], shape (3,).
         omega: Of small swings, one for each length [rad/s], shape (f,).
         damping: Ratio of small swings.
@@ -253,8 +258,8 @@ class ScoreTest(NamedTuple):
 class Bent:
     """What bends in all stretches, as far as it does so at once.
 
-    Searches for parts that nothing is known of have nine numbers at every frequency. Here is one: how much
-    more than at once the same matrix answers there.
+    Searches for parts that nothing is known of have nine numbers at every frequency. Here is one:
+    how much more than at once the same matrix answers there.
     """
 
     asked: Sequence[AskedStretch]
@@ -284,7 +289,9 @@ class Bent:
         return cls(asked, at_once, columns, bases, estimated, further, chance)
 
     def more(self, frequency: float) -> list[Array]:
-        """What it answers more on springs of a frequency [Hz], in every stretch, shape (6 n - 6, 1)."""
+        """What it answers more on springs of a frequency [Hz], in every stretch, shape (6 n - 6,
+        1).
+        """
         matrix = self.estimated + self.further
         return [
             each.whitened(((each.bent(frequency) - own) @ matrix)[:, :, None])
@@ -292,8 +299,8 @@ class Bent:
         ]
 
     def tested(self, frequency: float) -> ScoreTest:
-        """How surely it does, as a share of that: less than at once is no answer of a part. What merely
-        goes on vibrating there tells nothing.
+        """How surely it does, as a share of that: less than at once is no answer of a part. What
+        merely goes on vibrating there tells nothing.
         """
         found = []
         for each, base, rows in zip(self.asked, self.bases, self.more(frequency), strict=True):

@@ -24,7 +24,9 @@ from steelyard.inertia import Inertia
 
 
 def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
-    """Disturbances that nobody has stated and that are larger than devices and surroundings make."""
+    """Disturbances that nobody has stated and that are larger than devices and surroundings
+    make.
+    """
     robot = posterior.experiment.robot
     weight = abs(float(posterior.parameters[0])) * float(np.linalg.norm(robot.gravity))
     for segment in posterior.fit.state.segments:
@@ -40,7 +42,8 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
                 columns, unit = quantity.forms[0], quantity.unit
                 for i in _against_motion(segment, process, settings):
                     yield (
-                        f"run '{segment.run}': {columns[i]} of {owner} reads against the motion that"
+                        f"run '{segment.run}': {columns[i]} of {owner} reads against the motion"
+                        " that"
                         f" all others show; correct its sign (scale: {{{columns[i]}: -1}}), or the"
                         " order of its columns"
                     )
@@ -52,7 +55,8 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
                     yield (
                         f"run '{segment.run}': {name.replace('_', ' ')} of {owner} departs for a"
                         f" while from what all others show, by {rms.max():.2g} {unit} rms,"
-                        " which is more than devices drift; check its axes, signs, units and 'sync',"
+                        " which is more than devices drift; check its axes, signs, units and"
+                        " 'sync',"
                         " or state it under 'noise'"
                     )
                 continue
@@ -60,7 +64,8 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
             if rms.max() > settings.largest_wrench * weight * arm:
                 yield (
                     f"run '{segment.run}': an {name} that nothing explains is as large as"
-                    f" {rms.max():.2g} {unit} rms, a large part of the weight; check the geometry of"
+                    f" {rms.max():.2g} {unit} rms, a large part of the weight; check the geometry"
+                    " of"
                     " the robot, the order and the signs of its forces, and what touches the"
                     " platform, or state it under 'uncertainty: {unmodelled: …}'"
                 )
@@ -94,15 +99,17 @@ def _of_what_moves(
         rms = root_mean_square(along)
         if rms.max() > settings.largest_pull * weight * arm:
             yield (
-                f"run '{segment.run}': what moves in the load would pull with {rms.max():.2g} {unit}"
+                f"run '{segment.run}': what moves in the load would pull with {rms.max():.2g}"
+                f" {unit}"
                 " rms, a large part of the weight; check the geometry of the robot, the order and"
                 " the signs of its forces"
             )
 
 
 def _against_motion(segment: Segment, process: Process, settings: VerdictSettings) -> list[int]:
-    """Components of a quantity that change with the opposite sign of what the motion has there: slow and
-    small ones are not seen before the fit, and coloured noise of twice their size takes them up.
+    """Components of a quantity that change with the opposite sign of what the motion has there:
+    slow and small ones are not seen before the fit, and coloured noise of twice their size takes
+    them up.
 
     Args:
         segment: With the motion.
@@ -147,8 +154,8 @@ def _of_short_motion(
 
 
 def of_contacts(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
-    """An unmodelled force that goes on between many contacts and is not much smaller than they: it is
-    the same thing, of which only the largest moments were left out.
+    """An unmodelled force that goes on between many contacts and is not much smaller than they: it
+    is the same thing, of which only the largest moments were left out.
     """
     force = next(iter(UNMODELLED_PARTS))
     fit = posterior.fit.state
@@ -169,16 +176,18 @@ def of_contacts(posterior: Posterior, settings: VerdictSettings) -> Iterator[str
         )
         if usual > settings.contacts_stand_out * at_contacts:
             yield (
-                f"run '{segment.run}': something seems to touch the platform {len(times)} times with"
-                f" {at_contacts:.2g} N, and {usual:.2g} N rms go on between: that is one thing rather"
+                f"run '{segment.run}': something seems to touch the platform {len(times)} times"
+                " with"
+                f" {at_contacts:.2g} N, and {usual:.2g} N rms go on between: that is one thing"
+                " rather"
                 " than many, such as a load that swings, a hose or a guide; fix it or take it off"
             )
 
 
 def scatter_beside(posterior: Posterior) -> float:
-    """Variance that the unmodelled wrench and coloured noise of the forces make beside the residual,
-    in units of the noise of the forces: noise that goes on for a while is taken up by them, so that
-    less of it is left over.
+    """Variance that the unmodelled wrench and coloured noise of the forces make beside the
+    residual, in units of the noise of the forces: noise that goes on for a while is taken up by
+    them, so that less of it is left over.
     """
     fit, square, count = posterior.fit.state, 0.0, 0
     assert fit.parameters is not None

@@ -1,9 +1,9 @@
 """Whether a sensor that scatters more than its stated noise is shaken by a drive or the frame, or
 hums with the mains.
 
-What is wrong with its axes, signs, unit or clock follows the motion, and so does what it is then off
-by. A vibration above all frequencies at which the platform moves does not: below, the sensor scatters
-as stated, and a fit that takes all of it as noise is only more careful than it had to be.
+What is wrong with its axes, signs, unit or clock follows the motion, and so does what it is then
+off by. A vibration above all frequencies at which the platform moves does not: below, the sensor
+scatters as stated, and a fit that takes all of it as noise is only more careful than it had to be.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ class Vibration:
 def vibrations(
     posterior: Posterior, settings: VerdictSettings = VERDICT
 ) -> dict[Source, Vibration]:
-    """Forces, rates and accelerations that scatter more than stated, but not at the frequencies of the
-    motion.
+    """Forces, rates and accelerations that scatter more than stated, but not at the frequencies of
+    the motion.
 
     Args:
         posterior: What the estimate stands on.
@@ -106,7 +106,8 @@ def _of_forces(posterior: Posterior, settings: VerdictSettings) -> dict[Source, 
         if each.instrument != PLATFORM:
             sources.add((each.instrument, each.quantity))
         elif each.sigma is not None and each.run not in posterior.held_out:
-            # As large as the fit has found the noise to be: the ratio is what that is of the stated.
+            # As large as the fit has found the noise to be: the ratio is what that is of the
+            # stated.
             shares.setdefault(each.quantity, []).extend(_shares(each, each.sigma / np.sqrt(ratio)))
     every = [share for own in shares.values() for share in own]
     if not every or _slow(every) >= settings.twice:

@@ -1,4 +1,6 @@
-"""Readings under dead weights and what is known of the sensors beforehand, as one least-squares problem."""
+"""Readings under dead weights and what is known of the sensors beforehand, as one least-squares
+problem.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,8 @@ Place = tuple[str, str, str | None]
 _TURNS, _ARRIVED = 50, 1e-6
 """Most steps, and the last one in 1-sigma."""
 _FAR_OFF = 5.0
-"""Move of a gain or offset, in what its 1-sigma beforehand allows, that nobody would have stated so."""
+"""Move of a gain or offset, in what its 1-sigma beforehand allows, that nobody would have stated
+so."""
 
 
 class Solved(NamedTuple):
@@ -138,8 +141,8 @@ class CellProblem:
         return Solved(value, whole, tuple(off), tuple(own))
 
     def moved(self, found: Solved, weights: DeadWeights) -> Iterator[str]:
-        """Parameters of a table's cells that came out far from what was stated of them, the farthest
-        first.
+        """Parameters of a table's cells that came out far from what was stated of them, the
+        farthest first.
         """
         far = []
         for term in self.experiment.instruments[weights.of].terms(self.experiment.robot.m):

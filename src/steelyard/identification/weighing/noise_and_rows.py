@@ -1,5 +1,5 @@
-"""Noise of readings under dead weights, as stated or as residuals show it, and rows that contradict all
-others.
+"""Noise of readings under dead weights, as stated or as residuals show it, and rows that contradict
+all others.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ _WRONG, _CHANCE = 5.0, 1e-4
 """Residual of a row about all others, in 1-sigma, and probability of it among all rows, from which
 on the row is wrong."""
 _MOST_WRONG = 0.15
-"""Part of the rows that may be left out as wrong: with more it is no row, but what is said of all."""
+"""Part of the rows that may be left out as wrong: with more it is no row, but what is said of
+all."""
 _LARGER = 1e-3
 """Probability of a scatter below which the noise is not as stated."""
 

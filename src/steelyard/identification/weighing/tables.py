@@ -1,4 +1,6 @@
-"""Tables of readings under dead weights as they fit, and what they leave of the calibration parameters."""
+"""Tables of readings under dead weights as they fit, and what they leave of the calibration
+parameters.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +64,9 @@ class WeighedTable:
         if self.moved:
             more = f", and so are {len(self.moved) - 1} more" if len(self.moved) > 1 else ""
             yield (
-                f"dead weights say that {self.moved[0]}{more}; check the weights and units, or state a"
+                f"dead weights say that {self.moved[0]}{more}; check the weights and units, or"
+                " state"
+                " a"
                 f" larger 1-sigma under 'calibration' of {of}"
             )
 

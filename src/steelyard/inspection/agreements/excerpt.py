@@ -118,8 +118,8 @@ class Excerpt:
         return later.within(first - self.spacing, last + self.spacing)
 
     def within(self, first: float, last: float) -> Excerpt:
-        """The part of it from one instant of common time to another [s]; the very same where that is
-        all.
+        """The part of it from one instant of common time to another [s]; the very same where that
+        is all.
         """
         use = (self.time >= first) & (self.time <= last)
         if use.all():

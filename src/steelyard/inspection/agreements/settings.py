@@ -91,8 +91,8 @@ class AgreementSettings:
     bad: float = 1.8
     """Ratio of what is left to what is allowed beyond which instruments contradict each other."""
     moving_within: float = 10.0
-    """The same of forces in a run whose load has something that moves in it, in these: a third of the
-    mass on a string leaves four times what is allowed."""
+    """The same of forces in a run whose load has something that moves in it, in these: a third of
+    the mass on a string leaves four times what is allowed."""
     measured: float = 0.05
     """What may be left of a motion that two instruments measure, as a part of it: smoothing and
     imperfect models."""

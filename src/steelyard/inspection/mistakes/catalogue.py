@@ -104,8 +104,8 @@ def clock_amendments(
     *,
     before: Set[str] = frozenset(),
 ) -> Iterator[Amendment]:
-    """What could be wrong with the clocks of instruments that contradict others: a search of its own
-    for each, which takes longer than all the rest.
+    """What could be wrong with the clocks of instruments that contradict others: a search of its
+    own for each, which takes longer than all the rest.
 
     Args:
         now: What contradicts what.

@@ -39,8 +39,8 @@ _DEAD = 2.5
 """Cost of a dead sensor: whatever is wrong with one reading would be explained by it."""
 
 _NEAR = (0.7, 1.4)
-"""Of a factor: readings of another unit agree with it alone, those of a motion that disturbs with any
-that makes it smaller."""
+"""Of a factor: readings of another unit agree with it alone, those of a motion that disturbs with
+any that makes it smaller."""
 
 
 def _units(unit: str) -> Iterator[tuple[str, str, float]]:

@@ -2,7 +2,8 @@
 and beside what the cables carry, and by the readings, which agree with one of both.
 
 No size alone says so: a frame of 1500 m may be meant. A platform that is typed a thousand times too
-large is a thousand million times too light for its size, and where it moves, its cables hardly turn.
+large is a thousand million times too light for its size, and where it moves, its cables hardly
+turn.
 """
 
 from __future__ import annotations
@@ -67,8 +68,8 @@ def in_millimetres(experiment: Experiment, settings: SizeSettings) -> Millimetre
 
 
 def most_carried(experiment: Experiment) -> float | None:
-    """What cables can carry at most [kg], each as if it pulled upwards; without readings of them what
-    is known of the body; None: nothing.
+    """What cables can carry at most [kg], each as if it pulled upwards; without readings of them
+    what is known of the body; None: nothing.
     """
     robot = experiment.robot
     gravity = float(np.linalg.norm(robot.gravity))

@@ -183,8 +183,8 @@ def of_point(
 
 
 def _wanted_points(excerpt: Excerpt, source: Source, settings: PlaceSettings) -> Iterator[Array]:
-    """Where on the platform an instrument would have to sit [m], by every other one that it can be compared
-    with.
+    """Where on the platform an instrument would have to sit [m], by every other one that it can be
+    compared with.
     """
     orientation = attitude_source(excerpt)
     if orientation is None or excerpt.static or excerpt.instruments[source[0]].commanded:

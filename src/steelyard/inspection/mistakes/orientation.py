@@ -87,7 +87,9 @@ def _transposed(form: Sequence[str]) -> list[str]:
 
 
 def _both_turned(form: Sequence[str], i: int) -> list[str]:
-    """Keys of an instrument that turn both frames of its orientation by 180 degrees about axis i."""
+    """Keys of an instrument that turn both frames of its orientation by 180 degrees about axis
+    i.
+    """
     others = [axis for k, axis in enumerate(AXES) if k != i]
     if form[:1] == ("qw",):
         turned = [f"q{axis}" for axis in others]

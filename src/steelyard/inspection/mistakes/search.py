@@ -135,8 +135,8 @@ def mistakes(
 
 
 def _best(now: Judged, settings: MistakeSettings) -> tuple[Mistake, Judged] | None:
-    """The amendment that helps most, if it helps enough: of what agrees with nothing, or else of all
-    that contradicts anything.
+    """The amendment that helps most, if it helps enough: of what agrees with nothing, or else of
+    all that contradicts anything.
     """
     tried: list[_Trial] = []
     begun: set[tuple[str, ...]] = set()
@@ -275,7 +275,9 @@ def _as_described(
 
 
 def _neighbours_help(now: Judged, trial: _Trial, settings: MistakeSettings) -> bool:
-    """Whether changes by somewhat more or less explain about as much, so that it is none of them."""
+    """Whether changes by somewhat more or less explain about as much, so that it is none of
+    them.
+    """
     amendment, touched = trial.amendment, list(trial.after)
     most = sum(now.agreements[each].cost for each in touched) - amendment.cost
     least = trial.gain - settings.equal
@@ -286,8 +288,8 @@ def _neighbours_help(now: Judged, trial: _Trial, settings: MistakeSettings) -> b
 
 
 def _helps_much(trial: _Trial, settings: MistakeSettings) -> bool:
-    """Whether one of the agreements that are bad becomes good, or much better, and none that is good
-    becomes bad: what is right contradicts nothing that was so before.
+    """Whether one of the agreements that are bad becomes good, or much better, and none that is
+    good becomes bad: what is right contradicts nothing that was so before.
     """
     for relation, after in trial.after.items():
         before = trial.before[relation]

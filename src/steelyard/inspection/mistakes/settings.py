@@ -101,13 +101,14 @@ class SizeSettings:
     largest_platform: float = 30.0
     """The same, at most [m]."""
     hall_to_platform: tuple[float, float] = (0.3, 2000.0)
-    """Lowest and highest ratio of both that is usual: cameras above stadiums have several hundred."""
+    """Lowest and highest ratio of both that is usual: cameras above stadiums have several
+    hundred."""
     densest: float = 1e5
-    """What cables pull at most over gravity and the cube of the radius of the platform [kg/m^3]: lead in
-    a sphere, with tensions twice its weight."""
+    """What cables pull at most over gravity and the cube of the radius of the platform [kg/m^3]:
+    lead in a sphere, with tensions twice its weight."""
     clear: float = 1.0
-    """Decades by which sizes must be likelier in millimetres than in metres; with readings that agree
-    no better, a frame of 3 km is still believed."""
+    """Decades by which sizes must be likelier in millimetres than in metres; with readings that
+    agree no better, a frame of 3 km is still believed."""
     decade: float = 2.5
     """Gain in the agreements of readings that counts as much as a decade of size: that from which a
     mistake is named."""
@@ -120,8 +121,8 @@ class SizeSettings:
     air: float = 1.2
     """Density of air [kg/m^3]: no platform is lighter."""
     usual: float = 12.0
-    """What most platforms have at least over the cube of their radius [kg/m^3]; of several units that
-    are possible those are likelier with which they do."""
+    """What most platforms have at least over the cube of their radius [kg/m^3]; of several units
+    that are possible those are likelier with which they do."""
     noise_factor: float = 4.0
     """Ratio of the noise that is stated to that which is seen, from which it may be a unit."""
     noise_near: float = 0.08

@@ -1,8 +1,8 @@
 """Units that give themselves away by size alone, before anything is compared: a robot in
 millimetres, forces that no such robot has.
 
-Forces and the body that they carry scale together: no motion tells their unit. What does is what the
-robot file says of tensions, the air that a platform of its size displaces, and noise that was
+Forces and the body that they carry scale together: no motion tells their unit. What does is what
+the robot file says of tensions, the air that a platform of its size displaces, and noise that was
 stated.
 """
 
@@ -125,7 +125,8 @@ def _beyond(experiment: Experiment, size: float, settings: SizeSettings) -> str:
     if np.isfinite(high) and size > settings.beyond * high:
         return f"the median tension is {size:.3g} N, where the robot file allows {high:g} N"
     if robot.gravity.any() and not 0 < low <= size:
-        # Who says of how few newtons these cables are tight enough knows them. Else: every cable as if it pulled upwards: no mass could be larger.
+        # Who says of how few newtons these cables are tight enough knows them. Else: every cable as
+        # if it pulled upwards: no mass could be larger.
         most = size * robot.m / float(np.linalg.norm(robot.gravity))
         air = settings.air * robot.size**3
         if most < air:

@@ -1,5 +1,5 @@
-"""How what readings were solved for follows the motion, the readings and the systematic errors, by the
-implicit function theorem.
+"""How what readings were solved for follows the motion, the readings and the systematic errors, by
+the implicit function theorem.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ def following_of(
     quantities: tuple[str, ...],
     remembered: bool = False,
 ) -> Batched | None:
-    """How the unknown follows pose and rate for the same readings; None where readings say the same whatever the
-    motion.
+    """How the unknown follows pose and rate for the same readings; None where readings say the same
+    whatever the motion.
     """
     pose, rate = ca.SX.sym("pose", 7), ca.SX.sym("rate", 7)
     symbolic = symbols(robot.m, remembered=remembered)
@@ -60,8 +60,8 @@ def sensitivity_of(
     remembered: bool = False,
     asked: frozenset[str] | None = None,
 ) -> tuple[Batched, list[str]]:
-    """How the unknown follows readings, systematic errors and what the rollers remember, and which parts
-    of state and ``term_…`` that takes.
+    """How the unknown follows readings, systematic errors and what the rollers remember, and which
+    parts of state and ``term_…`` that takes.
     """
     state = symbols(robot.m, remembered=remembered)
     predicted, terms = predicted_by(instrument, robot, quantities, state)

@@ -1,4 +1,6 @@
-"""Readings that follow from what is known of the state, and their derivatives by the systematic errors."""
+"""Readings that follow from what is known of the state, and their derivatives by the systematic
+errors.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""``foxglove:PORT``: a WebSocket server for Foxglove; ``mcap:FILE``: what it would send, as a file."""
+"""``foxglove:PORT``: a WebSocket server for Foxglove; ``mcap:FILE``: what it would send, as a
+file.
+"""
 
 from __future__ import annotations
 

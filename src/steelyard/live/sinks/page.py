@@ -116,8 +116,8 @@ class PageSink:
             html: The page; it asks for ``events`` beside it.
             policy: Its Content-Security-Policy.
             port: 0: any that is free.
-            listen: Address of this machine; None: the loopback address. For any other one a token is
-                needed.
+            listen: Address of this machine; None: the loopback address. For any other one a token
+                is needed.
             kept: Estimates that a browser is told first.
 
         Raises:

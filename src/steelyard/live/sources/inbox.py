@@ -11,8 +11,8 @@ Item = TypeVar("Item")
 
 
 class Inbox(Generic[Item]):
-    """Items and remarks from another thread; of more items than it has room for the oldest go, which
-    is said.
+    """Items and remarks from another thread; of more items than it has room for the oldest go,
+    which is said.
     """
 
     def __init__(self, room: int) -> None:

@@ -19,7 +19,8 @@ Lines = NDArray[np.int64]
 _END = b"EOF"
 """What TwinCAT writes below the last row."""
 _FEWEST_SHORT = 3
-"""Rows with too few cells, one after the other, from which on a channel has ended; fewer are damage."""
+"""Rows with too few cells, one after the other, from which on a channel has ended; fewer are
+damage."""
 _NOTHING = b' \t\r\n"'
 _IS_NOTHING = np.isin(np.arange(256), list(_NOTHING))
 

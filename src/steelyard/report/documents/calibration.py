@@ -42,7 +42,8 @@ def _lead(found: GeometryCalibration) -> Statement:
         return Statement(f"Not accepted: {'; '.join(found.reasons)}.", "bad")
     if all(each.all() for each in found.exact.values()):
         return Statement(
-            "Anchors and attachments are stated as exact, so that nothing of them was looked for; say"
+            "Anchors and attachments are stated as exact, so that nothing of them was looked for;"
+            " say"
             " how well they are known, such as 'uncertainty: {anchor: 0.005, attachment: 0.002}'.",
             "note",
         )
@@ -74,7 +75,8 @@ def _result(found: GeometryCalibration) -> list[Block]:
     if found.unobservable:
         statements.append(
             Statement(
-                f"Not told by these recordings: {', '.join(found.unobservable)}. Poses farther apart,"
+                f"Not told by these recordings: {', '.join(found.unobservable)}. Poses farther"
+                " apart,"
                 " higher and lower, and turned would tell them.",
                 "note",
             )
@@ -150,7 +152,8 @@ def _residuals(found: GeometryCalibration) -> list[Block]:
     if not found.arrived:
         return [_sizes(found)]
     text = (
-        "Each pose and each tenth of a motion about the geometry that all others tell (leave one out):"
+        "Each pose and each tenth of a motion about the geometry that all others tell (leave one"
+        " out):"
         " what a length will be off in a new pose, beside the noise of its reading."
     )
     blocks.append(Statements((Statement(text),)))
@@ -186,7 +189,9 @@ def _residuals(found: GeometryCalibration) -> list[Block]:
 
 
 def _sizes(found: GeometryCalibration) -> Grid:
-    """Residuals of each instrument where the fit ended: large ones show what contradicts the rest."""
+    """Residuals of each instrument where the fit ended: large ones show what contradicts the
+    rest.
+    """
     sizes = tuple(
         (name, quantity.removesuffix(" at rest").replace("_", " "), fixed(np.sqrt(ratio), 2))
         for (name, quantity), ratio in found.found.fit.ratios.items()

@@ -38,7 +38,8 @@ def _result(summary: Summary) -> Iterator[Block]:
     yield Statements(
         (
             Statement(
-                "Centre of gravity in the platform frame; inertia about the centre of gravity, along"
+                "Centre of gravity in the platform frame; inertia about the centre of gravity,"
+                " along"
                 " the axes of the platform; products are elements of the matrix."
             ),
         )

@@ -79,7 +79,8 @@ def _lead(evaluation: MotionEvaluation) -> Statement:
     if ratio <= 1:
         return Statement("The motion keeps all limits and reaches all targets.", "good")
     return Statement(
-        f"The motion keeps all limits; the 1-sigma of {label} is {figures(ratio, 2)} times its target.",
+        f"The motion keeps all limits; the 1-sigma of {label} is {figures(ratio, 2)} times its"
+        " target.",
         "note",
     )
 

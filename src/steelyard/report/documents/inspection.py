@@ -231,7 +231,8 @@ def _unidentifiable(found: Inspection) -> Iterator[Statement]:
     loads = found.experiment.loads
     if labels and loads and not loads[0].rigid:
         yield Statement(
-            f"not identifiable from this motion: {', '.join(labels)}; something moves in the load, so"
+            f"not identifiable from this motion: {', '.join(labels)}; something moves in the load,"
+            " so"
             " that its motion tells its mass alone"
         )
     elif labels:
@@ -245,8 +246,11 @@ def contact_words(contact: Contact) -> str:
     """A contact as a sentence."""
     return (
         f"run '{contact.run}': something else than the body pulled or pushed from"
-        f" {fixed(contact.start, 2)} to {fixed(contact.end, 2)} s, up to {figures(contact.force, 2)} N and"
-        f" {figures(contact.torque, 2)} N m; most in {', '.join(contact.channels)} of {contact.instrument}"
+        f" {fixed(contact.start, 2)} to {fixed(contact.end, 2)} s, up to"
+        f" {figures(contact.force, 2)} N"
+        " and"
+        f" {figures(contact.torque, 2)} N m; most in {', '.join(contact.channels)} of"
+        f" {contact.instrument}"
     )
 
 

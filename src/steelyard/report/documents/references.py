@@ -45,7 +45,8 @@ def _lead(design: ReferenceDesign) -> Statement:
     before = design.without.standard_deviation[most] * factor
     after = best.standard_deviation[most] * factor
     return Statement(
-        f"Most helps: {best.addition}; the 1-sigma of {name} falls from {deviation(before)} to {deviation(after)}"
+        f"Most helps: {best.addition}; the 1-sigma of {name} falls from {deviation(before)} to"
+        f" {deviation(after)}"
         f" {unit}.",
         "good",
     )

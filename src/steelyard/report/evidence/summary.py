@@ -235,8 +235,8 @@ def _offset(clock: Offset) -> str:
 
 
 def _statements(estimates: Mapping[str, Estimate], result: str) -> list[str]:
-    """Verdicts, then notes, each once: the reasons against the result stand in the first sentence of
-    a report, and are not said again of it and of all that share them.
+    """Verdicts, then notes, each once: the reasons against the result stand in the first sentence
+    of a report, and are not said again of it and of all that share them.
     """
     verdicts = []
     first = estimates[result].verdict

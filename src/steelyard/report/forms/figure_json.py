@@ -32,10 +32,11 @@ _WITHIN_SCRIPT = {ord(character): f"\\u{ord(character):04x}" for character in "<
 def figure_json(block: Figure | Scene) -> str:
     """What a figure or a scene is drawn from, for a script element of type ``application/json``.
 
-    Keys: data, layout, arrays, narrow (layout and height where the window is), and courses of a scene, each with time, position (3 n) and rotation
-    (4 n). Long arrays of numbers are ``{"$": place in arrays}``, once each; there ``{dtype, bdata,
-    shape}``, little-endian in base64, as Plotly takes them. In texts characters that Plotly would
-    take as markup are entities, and an end of line is one in the picture.
+    Keys: data, layout, arrays, narrow (layout and height where the window is), and courses of a
+    scene, each with time, position (3 n) and rotation (4 n). Long arrays of numbers are
+    ``{"$": place in arrays}``, once each; there ``{dtype, bdata, shape}``, little-endian in base64,
+    as Plotly takes them. In texts characters that Plotly would take as markup are entities, and an
+    end of line is one in the picture.
 
     Raises:
         TypeError: A value is none of text, number, list, array, mapping and None.

@@ -1,4 +1,6 @@
-"""The page that shows estimates as they come: the same for every experiment, filled by its script."""
+"""The page that shows estimates as they come: the same for every experiment, filled by its
+script.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,8 @@ class LivePage:
 
     html: str
     policy: str
-    """Content-Security-Policy: this very script and style, and estimates from where it came from."""
+    """Content-Security-Policy: this very script and style, and estimates from where it came
+    from."""
 
 
 def live_page(title: str) -> LivePage:

@@ -40,9 +40,9 @@ class Format(click.Choice[str]):
             *("franka", "ros"),
         ]
     ),
-    help="Of the file: ROS, Pinocchio; Gazebo; MuJoCo; as in a robot file; the same; a C header; PLCs;"
-    " load data of KUKA and ABB; payload of Universal Robots, Franka; geometry_msgs/InertiaStamped."
-    " Default: what the ending of --out says.",
+    help="Of the file: ROS, Pinocchio; Gazebo; MuJoCo; as in a robot file; the same; a C header;"
+    " PLCs; load data of KUKA and ABB; payload of Universal Robots, Franka;"
+    " geometry_msgs/InertiaStamped. Default: what the ending of --out says.",
 )
 @click.option("--method", metavar="NAME", help="Which estimate of the file. Default: its result.")
 @out_option(help="The file to write; - prints it.", required=True, metavar="FILE")

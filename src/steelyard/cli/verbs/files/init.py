@@ -36,7 +36,8 @@ def init(
         from steelyard.robot.file import bundled_names
 
         raise InputError(
-            f"--robot: expected one of {', '.join(bundled_names())}, or a robot file, found none; name"
+            f"--robot: expected one of {', '.join(bundled_names())}, or a robot file, found none;"
+            " name"
             " it ('steelyard new' writes a robot file to fill in, 'steelyard import' makes one from"
             " other programs' files)"
         )

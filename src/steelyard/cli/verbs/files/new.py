@@ -16,7 +16,9 @@ from steelyard.cli.printing import print_json
 @force_option()
 @common
 def new(name: Path, cables: int, force: bool, as_json: bool, quiet: bool) -> None:
-    """Write a folder NAME with a robot file, sensors and an experiment to fill in, with comments."""
+    """Write a folder NAME with a robot file, sensors and an experiment to fill in, with
+    comments.
+    """
     from steelyard.drafts.blank import new as written
 
     paths = written(name, cables, force=force)

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 @click.command(short_help="List bundled robots; print one; check and draw your own.")
 @click.argument("name", required=False)
 @out_option(
-    help="FILE.html: a page with a picture of NAME; FILE.yaml or FILE.json: its robot file, to copy "
-    "from. Without NAME: a folder with a page for each robot."
+    help="FILE.html: a page with a picture of NAME; FILE.yaml or FILE.json: its robot file, to"
+    " copy from. Without NAME: a folder with a page for each robot."
 )
 @force_option()
 @common

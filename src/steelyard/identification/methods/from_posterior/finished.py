@@ -258,6 +258,8 @@ def _left_out(found: Posterior) -> list[str]:
 
 
 def _means_of(found: Posterior) -> dict[str, int]:
-    """Instrument -> samples that each of the readings is the mean of, in the last run that has it."""
+    """Instrument -> samples that each of the readings is the mean of, in the last run that has
+    it.
+    """
     runs = found.experiment.runs
     return {name: stream.mean_of for run in runs for name, stream in run.streams.items()}

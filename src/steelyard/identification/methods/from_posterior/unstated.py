@@ -1,5 +1,5 @@
-"""What an estimate has found that nobody stated: disturbances along the motion, and errors that good
-devices do not have.
+"""What an estimate has found that nobody stated: disturbances along the motion, and errors that
+good devices do not have.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ _CAUSES: Mapping[Cause, str] = {
 
 
 def disturbances(found: Posterior) -> list[dict[str, Any]]:
-    """Coloured noise and unmodelled wrench, one entry for each run that has it: owner, quantity, 1-sigma
-    and root mean square per axis, largest value with its time and axis, in SI units.
+    """Coloured noise and unmodelled wrench, one entry for each run that has it: owner, quantity,
+    1-sigma and root mean square per axis, largest value with its time and axis, in SI units.
     """
     return [entry for entry, _, _ in disturbances_along(found)]
 
@@ -121,7 +121,8 @@ def _on_disturbances(disturbed: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             when += f" along {_AXES[largest['component'] - 1]}"
         if each.get("moves_within"):
             yield (
-                f"run '{each['run']}': what moves in the load pulls beside what follows the platform:"
+                f"run '{each['run']}': what moves in the load pulls beside what follows the"
+                " platform:"
                 f" {size:.2g} {unit} rms, {when}"
             )
             continue
@@ -163,7 +164,8 @@ def _on_errors(errors: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
             if key == LATENCY:
                 behind = errors[latency]["value"] + errors[filtered]["value"]
                 yield (
-                    f"{owner} is {1e3 * behind:.2g} ms behind: these readings do not tell whether it"
+                    f"{owner} is {1e3 * behind:.2g} ms behind: these readings do not tell whether"
+                    " it"
                     " is late or filtered, and the uncertainty has both; state 'time_constant' or"
                     " 'delay' where it is known"
                 )

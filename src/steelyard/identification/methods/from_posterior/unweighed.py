@@ -44,8 +44,8 @@ def found_geometry(found: Posterior) -> FoundGeometry | None:
 
 
 def up_to_mass(experiment: Experiment, estimate: Estimate) -> Estimate:
-    """An estimate with the inertia over mass beside it, where no force is read; where the mass is an
-    assumption, it and its multiples are struck out.
+    """An estimate with the inertia over mass beside it, where no force is read; where the mass is
+    an assumption, it and its multiples are struck out.
 
     Args:
         experiment: That it was made from.

@@ -1,5 +1,5 @@
-"""Eq. (6) and Eq. (8) of [Tempel2017]_, and the balance of poses at rest, as linear steps over samples, and
-what the second passes on of the errors of the first.
+"""Eq. (6) and Eq. (8) of [Tempel2017]_, and the balance of poses at rest, as linear steps over
+samples, and what the second passes on of the errors of the first.
 """
 
 from __future__ import annotations

@@ -167,7 +167,8 @@ def _not_in_sigma(experiment: Experiment, acceleration: Acceleration | None) -> 
         notes.append(f"it does not use what is known beforehand ({', '.join(experiment.known)})")
     for each in experiment.weights:
         notes.append(
-            f"it does not use the dead weights on {each.of} ({len(each)} rows of '{each.instrument}')"
+            f"it does not use the dead weights on {each.of} ({len(each)} rows of"
+            f" '{each.instrument}')"
         )
     return notes
 

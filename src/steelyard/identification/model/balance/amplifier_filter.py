@@ -1,14 +1,15 @@
 """The balance behind the first-order filter of a force amplifier.
 
-Readings y are ``y + T dy/dt = f`` of the forces f before the filter, and these balance what moves the
-body: ``M f = w``, with M by which readings pull at the platform as it stands then. Let F be the filter,
-``F[x] = integral of exp(-u) x(t - u T) du``. Both sides of ``M (y + T dy/dt) = w`` through F are
+Readings y are ``y + T dy/dt = f`` of the forces f before the filter, and these balance what moves
+the body: ``M f = w``, with M by which readings pull at the platform as it stands then. Let F be the
+filter, ``F[x] = integral of exp(-u) x(t - u T) du``. Both sides of ``M (y + T dy/dt) = w`` through
+F are
 
     M y - T F[dM/dt y] - F[w] = 0,
 
-since ``F[x + T dx/dt] = x`` for ``x = M y``. Nothing is approximated: not how fast a platform rings, not
-how far it turns within T. No reading is differentiated, so that their noise stays what it is: dM/dt is
-slow, and of its product with the noise the filter leaves nothing that matters.
+since ``F[x + T dx/dt] = x`` for ``x = M y``. Nothing is approximated: not how fast a platform
+rings, not how far it turns within T. No reading is differentiated, so that their noise stays what
+it is: dM/dt is slow, and of its product with the noise the filter leaves nothing that matters.
 """
 
 from __future__ import annotations
@@ -21,23 +22,24 @@ from scipy.linalg import solve_banded
 from steelyard.arrays import Array
 
 MEMORY = 8.0
-"""How far back a filter is looked through, in its time constant: of what was before a three-thousandth
-is left."""
+"""How far back a filter is looked through, in its time constant: of what was before a
+three-thousandth is left."""
 
 
 @dataclass(frozen=True, eq=False)
 class Panels:
-    """Instants between readings, by which what a filter leaves of something smooth is integrated (Gauss
-    and Legendre's quadrature).
+    """Instants between readings, by which what a filter leaves of something smooth is integrated
+    (Gauss and Legendre's quadrature).
     """
 
     nodes: Array
-    """Ascending [s], shape (n, p); of the first reading at which there is nothing before, all the same."""
+    """Ascending [s], shape (n, p); of the first reading at which there is nothing before, all the
+    same."""
     weights: Array
     """Of the values there in the filter's at each reading, shape (n, p)."""
     later: Array
-    """The same, times how long before the reading they are in the time constant: what the filter leaves
-    of what it has left, shape (n, p)."""
+    """The same, times how long before the reading they are in the time constant: what the filter
+    leaves of what it has left, shape (n, p)."""
     kept: Array
     """Part of the filter's value at the reading before, shape (n,)."""
     passed: Array
@@ -122,8 +124,8 @@ def rates_by_motion(times: Array, wrench: Array, by_reading: Array, readings: Ar
 
 
 def times_before(times: Array, start: float, constant: float) -> Array:
-    """Times before the first of some, as far as a filter remembers and a motion is known, ascending [s],
-    shape (b,).
+    """Times before the first of some, as far as a filter remembers and a motion is known, ascending
+    [s], shape (b,).
 
     Args:
         times: Ascending [s], shape (n,).
@@ -141,8 +143,8 @@ def times_before(times: Array, start: float, constant: float) -> Array:
 
 
 def beginning(times: Array, values: Array, constant: float) -> Array:
-    """What a filter has left of something when it is first looked at, and what of that, if it has always
-    changed as it does there: ``x - T x'`` and ``x - 2 T x'``, shape (2, k).
+    """What a filter has left of something when it is first looked at, and what of that, if it has
+    always changed as it does there: ``x - T x'`` and ``x - 2 T x'``, shape (2, k).
 
     Args:
         times: Ascending [s], shape (n,).

@@ -44,7 +44,8 @@ from steelyard.instruments.tension import Rolled
 from steelyard.robot.model import DIRECTIONS
 
 _LOUD = 1.3
-"""Factor of the noise of readings from which on they are louder than it is stated, or seen in them."""
+"""Factor of the noise of readings from which on they are louder than it is stated, or seen in
+them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +87,9 @@ class Balance:
 
     @property
     def by_wrench(self) -> Array:
-        """What the unmodelled wrench of the processes makes of the balance [N], [N m], shape (n, 6)."""
+        """What the unmodelled wrench of the processes makes of the balance [N], [N m], shape (n,
+        6).
+        """
         if not self.disturbance.any():
             return self.disturbance
         return np.asarray(
@@ -95,8 +98,8 @@ class Balance:
 
     @property
     def by_processes(self) -> Array:
-        """What all processes make of it: the unmodelled wrench and coloured noise of the readings [N],
-        [N m], shape (n, 6).
+        """What all processes make of it: the unmodelled wrench and coloured noise of the readings
+        [N], [N m], shape (n, 6).
         """
         if not self.coloured.any():
             return self.by_wrench
@@ -167,13 +170,13 @@ class Balance:
         return np.asarray(self.carried - other)
 
     def calmed(self, values: Array) -> Array:
-        """Tensions or a wrench without what changes from sample to sample in the tensions that make no
-        wrench, shape as of the values.
+        """Tensions or a wrench without what changes from sample to sample in the tensions that make
+        no wrench, shape as of the values.
 
         The body and its motion say all of the others. These are as noisy as the readings, and where
-        the noise of a reading is akin to that of another (mains, a common supply, a drive that shakes
-        the frame), it meets itself in the derivative by gains and crosstalk. The very same where they
-        scatter as is stated: then all of it is told.
+        the noise of a reading is akin to that of another (mains, a common supply, a drive that
+        shakes the frame), it meets itself in the derivative by gains and crosstalk. The very same
+        where they scatter as is stated: then all of it is told.
 
         Args:
             values: :attr:`carried` or :attr:`asked`.
@@ -315,11 +318,11 @@ def disturbance_of_forces(segment: Segment, force_samples: Forces, local: Basis)
 
 
 def unmodelled_processes(segment: Segment, local: Basis, rotation: Array, order: int = 0) -> Array:
-    """Unmodelled wrench of the processes of a segment in P [N], [N m], or a derivative of it by time,
-    zero where it has none, shape (n, 6).
+    """Unmodelled wrench of the processes of a segment in P [N], [N m], or a derivative of it by
+    time, zero where it has none, shape (n, 6).
 
-    How an upright one follows the rotation is of no account: it is as small beside the weight as the
-    noise of a rotation is beside a radian.
+    How an upright one follows the rotation is of no account: it is as small beside the weight as
+    the noise of a rotation is beside a radian.
 
     Args:
         segment: With its processes.

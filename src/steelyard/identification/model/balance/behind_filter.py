@@ -1,4 +1,6 @@
-"""Forces against motion behind the filter of the force amplifier, and how that follows the motion."""
+"""Forces against motion behind the filter of the force amplifier, and how that follows the
+motion.
+"""
 
 from __future__ import annotations
 
@@ -35,16 +37,18 @@ hundredth."""
 _LEAST = 1e-7
 """Weight of an instant, below which it is of no account."""
 _FORGOTTEN = 5.0
-"""After so long a filter has forgotten what was before, in its time constant: all but a hundredth."""
+"""After so long a filter has forgotten what was before, in its time constant: all but a
+hundredth."""
 _FAST = 0.01
 """Time constant up to which all filters are looked at from the same time on [s]."""
 _BEGINNING = 40
 """Readings that tell how they change where they begin."""
 _LOOKED_BACK = 4.0
-"""How far back the functions of a row reach, in the time constant: a fiftieth of what a filter leaves is
-of before."""
+"""How far back the functions of a row reach, in the time constant: a fiftieth of what a filter
+leaves is of before."""
 _MOST = 8
-"""Functions of a row beside those that are not zero at a time: matrices of a motion grow with them."""
+"""Functions of a row beside those that are not zero at a time: matrices of a motion grow with
+them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +118,9 @@ class BehindFilter:
 
 
 def forgotten(constant: float) -> float:
-    """How long after the beginning of a motion a filter has forgotten what was before [s]: the same for
-    all of up to twice a time constant, so that a fit does not look at fewer readings from step to step.
+    """How long after the beginning of a motion a filter has forgotten what was before [s]: the same
+    for all of up to twice a time constant, so that a fit does not look at fewer readings from step
+    to step.
 
     Args:
         constant: Time constant of the filter [s]; 0: there is none.
@@ -134,11 +139,11 @@ def _pulling(
     grid: Array,
     motion: Mapping[str, Array],
 ) -> tuple[Array, Array]:
-    """Wrench of the readings at some times, of which the last are theirs, and how fast it changes because
-    the platform moves, shape (n, 6) each.
+    """Wrench of the readings at some times, of which the last are theirs, and how fast it changes
+    because the platform moves, shape (n, 6) each.
 
-    A filter remembers what lies about a reading that is left out, and before the first one that they
-    changed as they do there.
+    A filter remembers what lies about a reading that is left out, and before the first one that
+    they changed as they do there.
     """
     bridged = force_samples.bridged(force_samples.left_out)
     read = np.hstack(list(bridged.readings.values()))
@@ -168,20 +173,21 @@ def _with_regressor(motion: Mapping[str, Array]) -> Array:
 def functions_behind(
     segment: Segment, late: Array, constant: float, *, wide: bool
 ) -> tuple[Basis, Basis]:
-    """Spline functions by which the balance follows the motion, and those at the late times themselves,
-    by which it follows processes; both begin with the same function. Forces and motion that balance at
-    an instant are what the filter leaves of both, and how they follow the motion changes slowly.
+    """Spline functions by which the balance follows the motion, and those at the late times
+    themselves, by which it follows processes; both begin with the same function. Forces and motion
+    that balance at an instant are what the filter leaves of both, and how they follow the motion
+    changes slowly.
 
-    Of functions before and after those of a row it knows nothing, and takes them for a motion that goes
-    on without accelerating: a step is a little off where the filter looks far back, and ends at the same
-    motion.
+    Of functions before and after those of a row it knows nothing, and takes them for a motion that
+    goes on without accelerating: a step is a little off where the filter looks far back, and ends
+    at the same motion.
 
     Args:
         segment: With its knots.
         late: Times of the readings less the time constant [s], shape (n,).
         constant: Time constant T of the filter [s].
-        wide: Whether a row has more functions than the six that are not zero at a time, as far as the
-            filter looks back.
+        wide: Whether a row has more functions than the six that are not zero at a time, as far as
+            the filter looks back.
     """
     back, weights = _instants()
     here = segment.basis(late)
@@ -212,8 +218,8 @@ def functions_behind(
 
 @cache
 def _instants() -> tuple[Array, Array]:
-    """How long before a reading a filter looks, in its time constant, and the weight of each instant, by
-    Gauss and Laguerre's quadrature, shape (k,) each.
+    """How long before a reading a filter looks, in its time constant, and the weight of each
+    instant, by Gauss and Laguerre's quadrature, shape (k,) each.
     """
     back, weights = np.polynomial.laguerre.laggauss(_NODES)
     own: NDArray[np.bool_] = weights > _LEAST
@@ -222,8 +228,8 @@ def _instants() -> tuple[Array, Array]:
 
 @cache
 def _placed(away: int, width: int, among: int) -> Array:
-    """Coefficients of some functions in a row by those of the functions that are known, shape (width,
-    among), if nothing accelerates before and after these.
+    """Coefficients of some functions in a row by those of the functions that are known, shape
+    (width, among), if nothing accelerates before and after these.
 
     Args:
         away: Number of the first one among those that are known; negative: before.

@@ -16,16 +16,16 @@ from steelyard.identification.model.segment import basis, motion_at
 from steelyard.motion.state import state_of_pose
 
 _STEP = 0.02
-"""Between the instants of which second derivatives are differences [s]: at 3 Hz they are 1 % too small,
-and at 25 Hz, where a motion has but noise, four tenths are left."""
+"""Between the instants of which second derivatives are differences [s]: at 3 Hz they are 1 % too
+small, and at 25 Hz, where a motion has but noise, four tenths are left."""
 
 
 def bending_along(segment: Segment, times: Array, calibration: CalibrationValues) -> Array:
     """Wrench that the cables exert beyond a rigid body, by what bends, shape (n, 6, 21); see
     :func:`steelyard.dynamics.bending_regressor`.
 
-    How it follows the motion's coefficients is of no account: at the frequencies of the motion it is some
-    parts in a thousand of the wrench.
+    How it follows the motion's coefficients is of no account: at the frequencies of the motion it
+    is some parts in a thousand of the wrench.
 
     Args:
         segment: With its motion.
@@ -43,9 +43,9 @@ def bending_along(segment: Segment, times: Array, calibration: CalibrationValues
 
 
 def felt_at(segment: Segment, times: Array, calibration: CalibrationValues) -> tuple[Array, Array]:
-    """Specific force of the platform origin [m/s^2] over angular acceleration [rad/s^2], shape (n, 6),
-    and angular velocity [rad/s], shape (n, 3), in P; arguments as of :func:`bending_along`. Beyond the
-    ends of a segment, as its first and last pieces go on.
+    """Specific force of the platform origin [m/s^2] over angular acceleration [rad/s^2], shape (n,
+    6), and angular velocity [rad/s], shape (n, 3), in P; arguments as of :func:`bending_along`.
+    Beyond the ends of a segment, as its first and last pieces go on.
     """
     own = segment.basis(times) if segment.static else basis(segment.knots, times)
     pose, rate, acceleration, _ = motion_at(own, segment.coefficients)

@@ -31,7 +31,8 @@ _LEFT_OUT = 1e2
 """1-sigma of a reading that is left out, in units of the largest reading: the balance goes on
 without it."""
 _GAP = 2.0
-"""Time over which samples follow each other, in units of the usual one, across which none are averaged."""
+"""Time over which samples follow each other, in units of the usual one, across which none are
+averaged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +60,8 @@ class Forces:
     """Readings of cables without a sensor, whose values are a guess, shape (r,); None: there are
     none."""
     smoothed: bool = True
-    """Whether what a filter smooths is looked at; else its delay alone, where the motion before is not
-    known."""
+    """Whether what a filter smooths is looked at; else its delay alone, where the motion before is
+    not known."""
     before: RollerState | None = None
     """What rollers remember of the samples before the first one; None: the run begins."""
 
@@ -102,8 +103,8 @@ class Forces:
         )
 
     def means(self, many: int) -> Forces:
-        """Means of so many samples each, without what is faster; without a reading of one there is none
-        of all, and none across a gap.
+        """Means of so many samples each, without what is faster; without a reading of one there is
+        none of all, and none across a gap.
 
         Args:
             many: At least one; fewer samples than that at the end are left.
@@ -126,8 +127,8 @@ class Forces:
         )
 
     def bridged(self, alone: NDArray[np.bool_]) -> Forces:
-        """With what lies between those before and after in the place of readings: a cable pulls and sags
-        by what it reads, even where that does not count.
+        """With what lies between those before and after in the place of readings: a cable pulls and
+        sags by what it reads, even where that does not count.
 
         Args:
             alone: Readings that are no tensions, shape (n, r).

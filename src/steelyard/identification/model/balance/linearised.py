@@ -1,5 +1,5 @@
-"""The balance linearised about where everything stands: how it follows the motion, the body and every
-calibration parameter.
+"""The balance linearised about where everything stands: how it follows the motion, the body and
+every calibration parameter.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ class BalancePoint:
     derivatives: Mapping[str, Array]
     """See :func:`.derivatives_of_balance`; those by what has no column may not be there."""
     column_of: NDArray[np.intp] | None = None
-    """Column of each systematic error in the border; -1: not there, and nothing is asked of it; shape
-    (u,). None: all are asked for."""
+    """Column of each systematic error in the border; -1: not there, and nothing is asked of it;
+    shape (u,). None: all are asked for."""
 
     @property
     def instrument(self) -> Instrument:
@@ -91,13 +91,15 @@ class BalancePoint:
 
     @cached_property
     def asked(self) -> Array:
-        """Tensions or wrench that the body asks for, as derivatives of the balance take them, shape (n,
-        k).
+        """Tensions or wrench that the body asks for, as derivatives of the balance take them, shape
+        (n, k).
         """
         return self.at.calmed(self.at.asked)
 
     def by_body(self, parameters: Array) -> Array:
-        """Derivative of the balance by the ten parameters, shape (n, 6, 10); see :mod:`.units_of_rest`."""
+        """Derivative of the balance by the ten parameters, shape (n, 6, 10); see
+        :mod:`.units_of_rest`.
+        """
         found = self.derivatives["by_parameters"]
         if not self.force_samples.guessed.all():
             return found
@@ -106,7 +108,8 @@ class BalancePoint:
     def by_motion(self) -> tuple[Array, Array, Array]:
         """Derivatives of the balance by pose, rate and acceleration, shape (n, 6, 7) each.
 
-        How the rate and the weight of a cable change with an error of the geometry is of no account.
+        How the rate and the weight of a cable change with an error of the geometry is of no
+        account.
         """
         names = ("by_pose", "by_rate", "by_acceleration")
         by_pose, by_rate, by_acceleration = (self.derivatives[name] for name in names)
@@ -117,8 +120,8 @@ class BalancePoint:
         return by_pose, by_rate, by_acceleration
 
     def followed_by_readings(self) -> tuple[Array, Array] | None:
-        """How tensions or wrench follow pose and rate for the same readings, shape (n, k, 7) each; None:
-        they do not.
+        """How tensions or wrench follow pose and rate for the same readings, shape (n, k, 7) each;
+        None: they do not.
         """
         at, pose, rate = self.at, *self.motion[:2]
         return following(
@@ -133,7 +136,9 @@ class BalancePoint:
         )
 
     def by_state(self, by_pose: Array) -> Array:
-        """Derivative of the balance by the pose and by the processes beside it, shape (n, 6, block)."""
+        """Derivative of the balance by the pose and by the processes beside it, shape (n, 6,
+        block).
+        """
         segment = self.segment
         found = np.zeros((*by_pose.shape[:2], segment.block))
         found[:, :, :POSE] = by_pose
@@ -152,8 +157,8 @@ class BalancePoint:
     def by_coefficients(
         self, by: tuple[Array, Array, Array], *, wide: bool
     ) -> tuple[NDArray[np.intp], Array]:
-        """First function of each row, shape (n,), and derivatives of the balance by the coefficients of
-        these functions, shape (n, 6, w).
+        """First function of each row, shape (n,), and derivatives of the balance by the
+        coefficients of these functions, shape (n, 6, w).
 
         Args:
             by: See :meth:`by_motion`.
@@ -171,8 +176,8 @@ class BalancePoint:
         return behind.first, found
 
     def of_readings(self) -> Iterator[tuple[Process, slice, slice]]:
-        """Processes that are added to the readings, where their coefficients stand, and which readings
-        these are.
+        """Processes that are added to the readings, where their coefficients stand, and which
+        readings these are.
         """
         for quantity, own in self.force_samples.places.items():
             for each, place in self.segment.processes_of((self.force_samples.name, quantity)):
@@ -194,7 +199,8 @@ class BalancePoint:
             yield place, in_units(by_term, at.uncarried, by_readings(change, more))
 
     def terms_of_readings(self, values: Array) -> ByParameters:
-        """Derivatives of tensions or wrench by the systematic errors of the readings, shape (n, k, c).
+        """Derivatives of tensions or wrench by the systematic errors of the readings, shape (n, k,
+        c).
 
         Args:
             values: Tensions or wrench, shape (n, k).
@@ -250,8 +256,8 @@ class BalancePoint:
                 yield place, changed - change
 
     def by_robot(self) -> ByParameters:
-        """Derivatives of the balance by gravity, by the geometry of the cables, by what is carried more
-        than the first load and by what else pulls at the platform.
+        """Derivatives of the balance by gravity, by the geometry of the cables, by what is carried
+        more than the first load and by what else pulls at the platform.
         """
         parameters = self.calibration.calibration_parameters
         places = parameters.places
@@ -282,7 +288,9 @@ class BalancePoint:
             yield from _in_turn(own, -bending_along(self.segment, self.at.time, self.calibration))
 
     def _in_arms(self, by_attachment: Array) -> Array:
-        """Derivative of the balance by the attachments, shape (n, 6, 3 m); see :mod:`.units_of_rest`."""
+        """Derivative of the balance by the attachments, shape (n, 6, 3 m); see
+        :mod:`.units_of_rest`.
+        """
         if self.experiment.robot.m >= DIRECTIONS:
             return by_attachment
         torque = self.at.measured.unmodelled.usual[:, None] * self.at.uncarried
@@ -292,7 +300,9 @@ class BalancePoint:
 
 
 def _in_turn(places: Iterable[slice], columns: Array) -> ByParameters:
-    """Columns that stand side by side, shape (n, k, c), by where each of several parameters stands."""
+    """Columns that stand side by side, shape (n, k, c), by where each of several parameters
+    stands.
+    """
     first = 0
     for place in places:
         last = first + place.stop - place.start
@@ -309,8 +319,8 @@ def point_of(
     factors: Mapping[Source, float],
     column_of: NDArray[np.intp] | None = None,
 ) -> BalancePoint:
-    """The balance linearised about where everything stands; arguments as of :func:`.balance_of`, and
-    the last as in :class:`BalancePoint`.
+    """The balance linearised about where everything stands; arguments as of :func:`.balance_of`,
+    and the last as in :class:`BalancePoint`.
     """
     asked = None
     if column_of is not None:
@@ -352,9 +362,9 @@ def by_body_and_readings(
     at: Balance,
     column_of: NDArray[np.intp],
 ) -> tuple[Array, NDArray[np.intp]]:
-    """Derivatives of the balance by what noise of the motion is seen in: by the bodies that are carried,
-    what bends of them and the systematic errors of the readings; shape (n, 6, c), and their columns,
-    shape (c,).
+    """Derivatives of the balance by what noise of the motion is seen in: by the bodies that are
+    carried, what bends of them and the systematic errors of the readings; shape (n, 6, c), and
+    their columns, shape (c,).
 
     Args:
         experiment: With robot and instruments.

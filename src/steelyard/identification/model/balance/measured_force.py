@@ -75,8 +75,8 @@ class MeasuredForce:
         return np.asarray(structure @ np.linalg.pinv(structure))
 
     def behind_filter(self, plain: Array, filtered: Array) -> Array:
-        """What a filter of the readings makes of wrenches, or of changes of them: in directions that no
-        cable carries nothing, for there the motion balances by itself.
+        """What a filter of the readings makes of wrenches, or of changes of them: in directions
+        that no cable carries nothing, for there the motion balances by itself.
 
         Args:
             plain: Without the filter, shape (n, 6, ...).
@@ -113,7 +113,8 @@ def measured_force(
         segment: Along which they are read.
         force_samples: Force readings.
         calibration: Present values of the systematic errors.
-        motion: Position, rotation and velocities of the platform then, and what the rollers remember.
+        motion: Position, rotation and velocities of the platform then, and what the rollers
+            remember.
     """
     robot, instrument = experiment.robot, experiment.instruments[force_samples.name]
     readings, position, rotation = force_samples.readings, motion["position"], motion["rotation"]

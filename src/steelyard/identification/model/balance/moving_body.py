@@ -35,10 +35,10 @@ class MovingAt(NamedTuple):
     parameters: Array
     """The ten of the first load, shape (10,)."""
     constant: float
-    """Time constant of the filter of the forces [s]; 0: there is none. Below zero, on the way of a fit,
-    forces are early by it and less smooth by what a filter of its size smooths: where late forces have
-    both a latency and a filter, what is left over is nearly linear in what is smoothed, and a fit that
-    may not go below nothing goes to and fro."""
+    """Time constant of the filter of the forces [s]; 0: there is none. Below zero, on the way of a
+    fit, forces are early by it and less smooth by what a filter of its size smooths: where late
+    forces have both a latency and a filter, what is left over is nearly linear in what is smoothed,
+    and a fit that may not go below nothing goes to and fro."""
 
 
 def moving_at(

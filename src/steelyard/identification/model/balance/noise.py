@@ -2,12 +2,12 @@
 explains where the readings cannot tell every wrench.
 
 Fewer than six cables with a sensor span fewer than six directions. In the others the balance holds
-as exactly as the model of the robot does, which is a noise of its own and never zero: the white part
-of the unmodelled wrench. In those that the cables with a sensor carry the noise of the readings is
-all, as it is on six cables and more: a further noise there, be it a thousandth of the tensions, is
-wrong in directions in which the cables hardly turn the platform, and a wrong ratio of the noise of
-forces and motion biases the body. A cable without a sensor pulls as hard as it will: its direction
-is taken out of the balance.
+as exactly as the model of the robot does, which is a noise of its own and never zero: the white
+part of the unmodelled wrench. In those that the cables with a sensor carry the noise of the
+readings is all, as it is on six cables and more: a further noise there, be it a thousandth of the
+tensions, is wrong in directions in which the cables hardly turn the platform, and a wrong ratio of
+the noise of forces and motion biases the body. A cable without a sensor pulls as hard as it will:
+its direction is taken out of the balance.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ class UnmodelledWrench:
     """
 
     reading: Array
-    """By how much readings of nominal gain follow it, with the least of tensions, shape (n, m, 6)."""
+    """By how much readings of nominal gain follow it, with the least of tensions, shape (n, m,
+    6)."""
     wrench: Array
     """What it makes of the balance; in directions that no cable carries itself, shape (n, 6, 6)."""
     across: Array
@@ -131,7 +132,8 @@ class BalanceNoise:
         """The same of what is read alone."""
         parts = self.parts
         if self.free.shape[2]:
-            # What is taken out later may be as noisy as one likes: then no direction is without noise.
+            # What is taken out later may be as noisy as one likes: then no direction is without
+            # noise.
             size, own = (
                 np.sqrt(np.sum(each**2, axis=(1, 2), keepdims=True)) for each in (self.free, parts)
             )

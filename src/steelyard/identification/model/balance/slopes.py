@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from steelyard.arrays import Array
 
 AROUND = 0.1
-"""Half the time over which the change of a tension is looked at [s]: noise of readings at 25 Hz leaves
-some newtons a second of it, and a platform that swings with 1.5 Hz on its ropes all but a tenth."""
+"""Half the time over which the change of a tension is looked at [s]: noise of readings at 25 Hz
+leaves some newtons a second of it, and a platform that swings with 1.5 Hz on its ropes all but a
+tenth."""
 _INSTANT = 1e-4
-"""Samples closer than this are of one instant [s]: means of dense streams are a millisecond apart."""
+"""Samples closer than this are of one instant [s]: means of dense streams are a millisecond
+apart."""
 
 
 def slopes(time: Array, values: Array) -> Array:

@@ -1,10 +1,10 @@
 """What no cable tells of the balance is given in units that follow what is estimated.
 
-In newtons of a fixed size it would shrink with a body, with readings or with attachments that shrink, and
-the likelihood would rise for nothing. So the mass is its unit where no cable has a sensor; with sensors
-in fewer than six cables the readings are that of what no cable carries, and of its torque the distance
-of the attachments from their middle too. The balance follows the unit: by minus the rest for each part
-that the unit grows.
+In newtons of a fixed size it would shrink with a body, with readings or with attachments that
+shrink, and the likelihood would rise for nothing. So the mass is its unit where no cable has a
+sensor; with sensors in fewer than six cables the readings are that of what no cable carries, and of
+its torque the distance of the attachments from their middle too. The balance follows the unit: by
+minus the rest for each part that the unit grows.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ def by_mass(parameters: Array) -> Array:
 
 
 def by_readings(at: Array, at_one_more: Array) -> Array:
-    """How readings grow with their systematic errors, in parts of them and as their mean, shape (n, c).
+    """How readings grow with their systematic errors, in parts of them and as their mean, shape (n,
+    c).
 
     Args:
         at: Their derivatives where tensions or wrench are, shape (n, k, c).
@@ -46,8 +47,8 @@ def by_readings(at: Array, at_one_more: Array) -> Array:
 
 
 def by_attachments(attachments: Array) -> Array:
-    """How the distance of the attachments from their middle follows them, in parts of it [1/m], shape
-    (3 m,).
+    """How the distance of the attachments from their middle follows them, in parts of it [1/m],
+    shape (3 m,).
 
     Args:
         attachments: On the platform [m], shape (m, 3).

@@ -1,5 +1,5 @@
-"""The systematic errors of an experiment as one vector: every instrument's terms, the clocks, and the
-robot file itself.
+"""The systematic errors of an experiment as one vector: every instrument's terms, the clocks, and
+the robot file itself.
 
 Estimators, bounds and tests speak of the same errors by the same places; their priors are those of
 the contract.

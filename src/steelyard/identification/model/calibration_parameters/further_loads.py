@@ -52,8 +52,8 @@ def further_loads(experiment: Experiment) -> Iterator[CalibrationParameter]:
 def apparent_loads(experiment: Experiment) -> Iterator[CalibrationParameter]:
     """How loads in which something moves answer accelerations beside what they weigh: anyhow.
 
-    What swings or flows follows the platform late, ahead or not at all: to the platform it is another
-    body at every pace. Only what it weighs is the same, whatever it does.
+    What swings or flows follows the platform late, ahead or not at all: to the platform it is
+    another body at every pace. Only what it weighs is the same, whatever it does.
     """
     keys = dict.fromkeys(apparent(experiment).values())
     wide = _any_load(experiment) if keys else np.zeros(TEN)

@@ -1,4 +1,6 @@
-"""Keys of the errors and forces that belong to the robot and its surroundings, not to an instrument."""
+"""Keys of the errors and forces that belong to the robot and its surroundings, not to an
+instrument.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +35,8 @@ BENDING_KEYS = tuple((ROBOT, key, None) for key, _ in BENDING)
 LOAD = "load"
 """First part of the keys of what further loads are more than the first: ten linear parameters."""
 APPARENT = "apparent"
-"""First part of the keys of how a load in which something moves answers accelerations beside what it
-weighs: ten linear parameters."""
+"""First part of the keys of how a load in which something moves answers accelerations beside what
+it weighs: ten linear parameters."""
 
 
 def element_of(key: str, component: int) -> tuple[int, int]:

@@ -53,7 +53,9 @@ def errors_of_instruments(experiment: Experiment) -> Iterator[CalibrationParamet
 
 
 def before_weighing(experiment: Experiment) -> dict[Key, tuple[Array, Array]]:
-    """Errors of the instruments that were read under dead weights: values beforehand and 1-sigma."""
+    """Errors of the instruments that were read under dead weights: values beforehand and
+    1-sigma.
+    """
     found: dict[Key, tuple[Array, Array]] = {}
     for name in dict.fromkeys(each.of for each in experiment.weights):
         own = [each.run for each in experiment.weights if each.of == name]
@@ -82,8 +84,8 @@ def errors_of_clocks(experiment: Experiment) -> Iterator[CalibrationParameter]:
 
 
 def errors_within_clocks(experiment: Experiment) -> Iterator[CalibrationParameter]:
-    """How late instruments read what a clock says that they share with others; none of them is, unless
-    the readings ask for it, or for a filter, where the delay is stated.
+    """How late instruments read what a clock says that they share with others; none of them is,
+    unless the readings ask for it, or for a filter, where the delay is stated.
     """
     moving = [run for run in experiment.runs if not run.static]
     for name in dict.fromkeys(name for run in moving for name in run.streams):
@@ -122,8 +124,8 @@ def shares_clock(experiment: Experiment, name: str) -> bool:
 
 
 def _may_stretch(experiment: Experiment, instrument: Instrument) -> bool:
-    """Whether nobody has stated how well the stiffness of the cables is known, and tensions tell how
-    far they stretch; without these nobody knows.
+    """Whether nobody has stated how well the stiffness of the cables is known, and tensions tell
+    how far they stretch; without these nobody knows.
     """
     return STRETCH not in instrument.calibration.model_fields_set and _stretches(experiment)
 

@@ -1,5 +1,5 @@
-"""What may pull at a platform on cables beside them: hoses, air, what damps swings and rubs at anchors,
-parts that bend.
+"""What may pull at a platform on cables beside them: hoses, air, what damps swings and rubs at
+anchors, parts that bend.
 """
 
 from __future__ import annotations
@@ -31,13 +31,14 @@ _DECAY = 0.2
 """1-sigma of the rate at which swings decay where no force is read [1/s]: two per cent of critical
 damping at a hertz."""
 _RUBBING = 0.005
-"""1-sigma of the torque of dry friction at an anchor over the tension of its cable [m]: plain bearings
-of some centimetres, stiff ropes."""
+"""1-sigma of the torque of dry friction at an anchor over the tension of its cable [m]: plain
+bearings of some centimetres, stiff ropes."""
 _PULL = 0.004
-"""1-sigma of the force of a hose, as a part of all tensions; of its stiffness the same over a metre."""
+"""1-sigma of the force of a hose, as a part of all tensions; of its stiffness the same over a
+metre."""
 _SOFT = 0.1 / (2 * np.pi * 5.0) ** 2
-"""1-sigma of what bends: a tenth of what is carried stands on springs of 5 Hz [s^2], and leans by 1 cm under
-its own weight."""
+"""1-sigma of what bends: a tenth of what is carried stands on springs of 5 Hz [s^2], and leans by 1
+cm under its own weight."""
 _BLUFF = 3.0
 """1-sigma of drag coefficients times area, and of turning, in units of the platform's size squared
 and to the fifth power: frames and sheets."""

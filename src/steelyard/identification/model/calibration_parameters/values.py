@@ -29,7 +29,8 @@ class CalibrationValues:
         return {key: self.values[place] for key, place in places.items()}
 
     def body(self, first: Array, run: str) -> Array:
-        """The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS` of what a run carried, shape (10,).
+        """The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS` of what a run carried, shape
+        (10,).
 
         Args:
             first: Those of the first load, shape (10,).
@@ -103,8 +104,8 @@ class CalibrationValues:
 
     @property
     def geometry(self) -> dict[str, Array]:
-        """Anchors [m] in the world and attachments [m] in the platform frame, three numbers a cable,
-        shape (3 m,) each.
+        """Anchors [m] in the world and attachments [m] in the platform frame, three numbers a
+        cable, shape (3 m,) each.
         """
         places = self.calibration_parameters.places
         return {

@@ -1,5 +1,5 @@
-"""The systematic errors of an experiment as one vector: what each is, what is known of it beforehand,
-and where it stands.
+"""The systematic errors of an experiment as one vector: what each is, what is known of it
+beforehand, and where it stands.
 """
 
 from __future__ import annotations
@@ -135,8 +135,8 @@ class CalibrationParameters:
     carried: Mapping[str, str] = field(default_factory=dict)
     """Run -> key of what it carried more than the first load; runs of the first are not there."""
     apparent: Mapping[str, str] = field(default_factory=dict)
-    """Run in motion -> key of how a load in which something moves answers accelerations there; runs of
-    rigid bodies are not there."""
+    """Run in motion -> key of how a load in which something moves answers accelerations there; runs
+    of rigid bodies are not there."""
     weighed: WeighedCells | None = None
     """What dead weights tell of gains, offsets and gravity: values and 1-sigma of these are theirs;
     None: there are none."""
@@ -170,7 +170,8 @@ class CalibrationParameters:
         return {}
 
     def places_of(self, name: str, instrument: Instrument, run: str) -> Mapping[str, slice]:
-        """Key of each of an instrument's terms -> where it stands as it acts in a run, in their order.
+        """Key of each of an instrument's terms -> where it stands as it acts in a run, in their
+        order.
 
         Args:
             name: Of the instrument.
@@ -186,15 +187,15 @@ class CalibrationParameters:
         return found
 
     def place_of_load(self, run: str) -> slice | None:
-        """Where it stands by how much the body of a run differs from the first load; None: it is the
-        first load.
+        """Where it stands by how much the body of a run differs from the first load; None: it is
+        the first load.
         """
         key = self.carried.get(run)
         return None if key is None else self.places[ROBOT, key, None]
 
     def place_of_apparent(self, run: str) -> slice | None:
-        """Where it stands how what a run carried answers accelerations beside what it weighs; None: it
-        is rigid, or at rest.
+        """Where it stands how what a run carried answers accelerations beside what it weighs; None:
+        it is rigid, or at rest.
         """
         key = self.apparent.get(run)
         return None if key is None else self.places[ROBOT, key, None]

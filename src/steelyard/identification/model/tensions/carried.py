@@ -1,5 +1,5 @@
-"""Tensions by which cables stretch, where readings of the forces follow the motion: those that carry the
-moving body, and how they follow all that is fitted.
+"""Tensions by which cables stretch, where readings of the forces follow the motion: those that
+carry the moving body, and how they follow all that is fitted.
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ def carried_tensions(
     *,
     narrow: bool = False,
 ) -> Carried | None:
-    """Tensions by which cables stretch: those of the readings, corrected so that they carry the moving
-    body, and how they follow all that is fitted; None: no reading follows them.
+    """Tensions by which cables stretch: those of the readings, corrected so that they carry the
+    moving body, and how they follow all that is fitted; None: no reading follows them.
 
-    Readings r give tensions t and leave the wrench w of the balance over; the least correction of the
-    readings takes K w from the tensions, so that t - K w changes with t and with w. What is left of
-    the noise of r in t - K w is independent of w, which tells the body.
+    Readings r give tensions t and leave the wrench w of the balance over; the least correction of
+    the readings takes K w from the tensions, so that t - K w changes with t and with w. What is
+    left of the noise of r in t - K w is independent of w, which tells the body.
 
     Args:
         experiment: With robot and instruments.
@@ -127,7 +127,8 @@ def _carried_of(
     kept = np.eye(m) + following_balance(at.measured.changes_of_wrench(np.eye(m)[None]))
     rate, bend, feed = _changes(point, values)
     if not point.segment.static:
-        # The motion tells what carries the body at a given time. Beside that pulls what is read then,
+        # The motion tells what carries the body at a given time. Beside that pulls what is read
+        # then,
         # which is another reading where clocks have another delay.
         later = kept @ rate[:, :, None]
         for place, sign in delays(point):
@@ -173,11 +174,11 @@ def _changes(point: BalancePoint, tension: Array) -> tuple[Array, Array, Array]:
 
 
 def _interpolated(found: CarriedTensions, own: Array, times: Array) -> CarriedTensions:
-    """At other times, linearly; before the first and after the last they are as at these, and do not
-    follow the motion: what it does there does not change them.
+    """At other times, linearly; before the first and after the last they are as at these, and do
+    not follow the motion: what it does there does not change them.
 
-    Readings that are more than the tensions have their noise in common: its variance counts as often
-    as that.
+    Readings that are more than the tensions have their noise in common: its variance counts as
+    often as that.
     """
     left = np.clip(np.searchsorted(own, times, side="right") - 1, 0, max(0, len(own) - 2))
     right = np.minimum(left + 1, len(own) - 1)

@@ -1,5 +1,5 @@
-"""Tensions that lengths follow: as the forces carry the body, as far as the cables stretch by them, and
-without the noise that the lengths themselves show.
+"""Tensions that lengths follow: as the forces carry the body, as far as the cables stretch by them,
+and without the noise that the lengths themselves show.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ def stretching(
 
 
 class CorrectedTensions:
-    """Tensions that lengths follow: as the forces carry the body, then less the noise that the lengths
-    themselves show, so that it does not meet itself in the derivatives [Helmert1872]_.
+    """Tensions that lengths follow: as the forces carry the body, then less the noise that the
+    lengths themselves show, so that it does not meet itself in the derivatives [Helmert1872]_.
     """
 
     carried: CarriedTensions

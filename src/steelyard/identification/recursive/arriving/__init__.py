@@ -1,1 +1,3 @@
-"""Readings of a chunk that has just arrived: its motion, what stands alone, until it has settled."""
+"""Readings of a chunk that has just arrived: its motion, what stands alone, until it has
+settled.
+"""

@@ -41,8 +41,8 @@ def once_moving(
     length: float,
     settings: RecursiveSettings,
 ) -> tuple[Found, float]:
-    """What a look at the beginning of a run finds, and how long that is [s]: where the platform is at
-    rest in it, as long as that lasts, and as much of its motion.
+    """What a look at the beginning of a run finds, and how long that is [s]: where the platform is
+    at rest in it, as long as that lasts, and as much of its motion.
 
     Args:
         look: At the run within a window; raises :class:`.AtRestError` where nothing moves.
@@ -129,8 +129,8 @@ def _inside(
     span: tuple[float, float],
     name: str,
 ) -> tuple[slice, Array, Array]:
-    """Samples of an instrument that fall into a span, and when, by its clock and in the motion's time
-    [s].
+    """Samples of an instrument that fall into a span, and when, by its clock and in the motion's
+    time [s].
     """
     there = _times(experiment, run, like, calibration, name)
     own = slice(*(int(i) for i in np.searchsorted(there, span)))

@@ -1,6 +1,6 @@
-"""Readings of a chunk that stand alone against all others and against what is known of its motion: each
-is asked how far it would be off the motion that all others show (deletion residuals [Cook1982]_). The
-farthest are left out first, for they bend what the others are held against.
+"""Readings of a chunk that stand alone against all others and against what is known of its motion:
+each is asked how far it would be off the motion that all others show (deletion residuals
+[Cook1982]_). The farthest are left out first, for they bend what the others are held against.
 """
 
 from __future__ import annotations
@@ -21,10 +21,11 @@ from steelyard.robot.model import DIRECTIONS
 from steelyard.smoothing import NORMAL_MEDIAN
 
 _TURNS = 120
-"""At most, of leaving out and of giving back: a chunk has some dozens of readings that stand alone, or
-there is something else."""
+"""At most, of leaving out and of giving back: a chunk has some dozens of readings that stand alone,
+or there is something else."""
 _AGREES = 1.5
-"""Median of what is left of a quantity, in that of its noise, up to which it agrees with a motion."""
+"""Median of what is left of a quantity, in that of its noise, up to which it agrees with a
+motion."""
 _MOST = 0.6
 """Part of the samples of the forces beyond which what is off in them is no spike."""
 
@@ -187,8 +188,8 @@ class Deletion:
         return found
 
     def jumped(self, level: float) -> Mask:
-        """Numbers of the one quantity that has jumped: all others agree without them, and these are far
-        off the motion that the others show; shape (m,), none where that is true of no quantity.
+        """Numbers of the one quantity that has jumped: all others agree without them, and these are
+        far off the motion that the others show; shape (m,), none where that is true of no quantity.
 
         Args:
             level: Distance from which on a number is far, in 1-sigma.
@@ -287,7 +288,9 @@ class Deletion:
         return motion, single
 
     def _as_usual(self, far: Array) -> Array:
-        """Distances in units of what is usual for a quantity where that is more than noise makes."""
+        """Distances in units of what is usual for a quantity where that is more than noise
+        makes.
+        """
         found = far.copy()
         for part in np.unique(self.part):
             own = (self.part == part) & (far > 0)

@@ -34,8 +34,8 @@ from steelyard.identification.solve.border.segment_equations import whitened_row
 from steelyard.identification.solve.fit_state import FitState
 
 _WIDE = 1e4
-"""By how much readings are taken as noisier where none of them is to stand far; what they say counts
-the same."""
+"""By how much readings are taken as noisier where none of them is to stand far; what they say
+counts the same."""
 _TURNS = 2
 """Linearisations of what the motion's own instruments read: along the first it merely goes on."""
 
@@ -63,7 +63,8 @@ def foreseen(recursion: Recursion, segment: Segment, forces: Forces) -> Recursio
 def foreseen_without_spikes(
     recursion: Recursion, segment: Segment, forces: Forces
 ) -> tuple[Recursion, Segment, Forces] | None:
-    """The same without readings that stand alone, and chunk and forces without these; None: none does.
+    """The same without readings that stand alone, and chunk and forces without these; None: none
+    does.
 
     Args:
         recursion: As of :func:`foreseen`.
@@ -106,8 +107,8 @@ def foreseen_without_spikes(
 def _without_jump(
     recursion: Recursion, segment: Segment, forces: Forces, wide: FitState
 ) -> tuple[Recursion, list[Mask]]:
-    """The motion without what has been read while an instrument had jumped, and those numbers, of each
-    of the readings of a chunk, shape (n, k) each.
+    """The motion without what has been read while an instrument had jumped, and those numbers, of
+    each of the readings of a chunk, shape (n, k) each.
 
     Args:
         recursion: As of :func:`foreseen`.
@@ -193,8 +194,8 @@ def _foreknown(
 def _followed(
     recursion: Recursion, segment: Segment, forces: Forces, rows: Sequence[Rows]
 ) -> tuple[Recursion, float]:
-    """With the motion that rows of a chunk show, which is not in the window yet; and the decrease of
-    the cost that this promised.
+    """With the motion that rows of a chunk show, which is not in the window yet; and the decrease
+    of the cost that this promised.
     """
     before = recursion.window
     assert before is not None
@@ -244,8 +245,8 @@ def _of_all(
 
 
 def _told(rows: Iterable[Rows]) -> list[Rows]:
-    """What readings that are taken as noisier say as they are; what holds a motion that no instrument
-    tells is none of them.
+    """What readings that are taken as noisier say as they are; what holds a motion that no
+    instrument tells is none of them.
     """
     return [each if each.label is None else scaled(each, _WIDE) for each in rows]
 

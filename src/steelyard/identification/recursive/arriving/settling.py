@@ -1,5 +1,5 @@
-"""A chunk that arrives: it finds its motion, and is linearised until it has settled; readings that stand
-alone are left out.
+"""A chunk that arrives: it finds its motion, and is linearised until it has settled; readings that
+stand alone are left out.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from steelyard.identification.solve.misfits.jitter import with_jitter
 from steelyard.identification.solve.settings import FitSettings
 
 _SAME_MEMORY = 0.02
-"""By how much what rollers remember may differ from what a chunk was linearised with: of some newtons
-of friction that is less than noise."""
+"""By how much what rollers remember may differ from what a chunk was linearised with: of some
+newtons of friction that is less than noise."""
 
 
 def arrived(

@@ -32,13 +32,13 @@ held against it."""
 TURNS = 4
 """At most, in each of which one reading of a sample is left out: more of them are rare."""
 MOST_FAR = 0.1
-"""Part of the numbers of a quantity beyond which none of them is a spike: the motion is not right, or
-their noise is another one."""
+"""Part of the numbers of a quantity beyond which none of them is a spike: the motion is not right,
+or their noise is another one."""
 _FEW = 2
 """Samples of which all numbers may be far, however few there are."""
 _NEAR = 0.5
-"""Part of a correction that may be left of its sample, until that reading is replaced: a cable sags by
-what it reads."""
+"""Part of a correction that may be left of its sample, until that reading is replaced: a cable sags
+by what it reads."""
 _MOST_OF_SAMPLE = 1 / 3
 """Part of the readings of one sample beyond which it is off as a whole."""
 _ALIKE = 0.5
@@ -54,10 +54,11 @@ _AROUND = 4
 """Samples before and after one that it is held against: where these are off, too, it does not stand
 alone."""
 _AT_THE_EDGE = 2.0
-"""By how much further the first and the last sample of a chunk may be off as a whole: the motion is told
-from one side only there."""
+"""By how much further the first and the last sample of a chunk may be off as a whole: the motion is
+told from one side only there."""
 _WHOLE = 2
-"""Samples in a row that may be off as a whole, as where a message is damaged: a hand takes longer."""
+"""Samples in a row that may be off as a whole, as where a message is damaged: a hand takes
+longer."""
 
 
 def without_spikes(
@@ -66,8 +67,8 @@ def without_spikes(
     forces: Forces,
     settings: FitSettings,
 ) -> Forces:
-    """Forces of a chunk without readings that stand alone about a motion that is known; the very same
-    where none does.
+    """Forces of a chunk without readings that stand alone about a motion that is known; the very
+    same where none does.
 
     Args:
         look: Makes the balances of forces about that motion.
@@ -96,8 +97,8 @@ def stands_out(balances: Sequence[WhitenedBalance], settings: FitSettings) -> bo
 
 
 def left_out_of(forces: Forces, single: Mask, whole: Mask, settings: FitSettings) -> Forces:
-    """Forces without what is off, as far as no change of the load, no hand and no cell that has gone
-    wrong may look like that; the very same where nothing is left out.
+    """Forces without what is off, as far as no change of the load, no hand and no cell that has
+    gone wrong may look like that; the very same where nothing is left out.
 
     Args:
         forces: Of a chunk.
@@ -200,8 +201,8 @@ def motion_alone_in_words(alone: Mapping[tuple[str, Source], int], force: str) -
 
 def far_from(segment: Segment, rows: Sequence[Rows], settings: FitSettings) -> list[Mask]:
     """Numbers of the motion instruments that stand far from a motion that is known, of each of the
-    readings of a chunk, shape (n, k) each; where many of one quantity do and those of all others are
-    near, it has jumped, else none of that quantity.
+    readings of a chunk, shape (n, k) each; where many of one quantity do and those of all others
+    are near, it has jumped, else none of that quantity.
 
     Args:
         segment: The chunk.

@@ -25,7 +25,8 @@ class Chunk:
     segment: Segment
     forces: Forces
     rows: Sequence[Rows]
-    """Their residuals with derivatives by the columns of the border that are estimated, or by more."""
+    """Their residuals with derivatives by the columns of the border that are estimated, or by
+    more."""
     border: Array
     """The ten and all calibration parameters where they were linearised, shape (k,)."""
     use: NDArray[np.intp]
@@ -39,8 +40,8 @@ class Chunk:
 
     @cached_property
     def linear(self) -> Linear:
-        """Equations with the smoothness of the motion, over the columns that are estimated: most are
-        not, and steps ask for none of these.
+        """Equations with the smoothness of the motion, over the columns that are estimated: most
+        are not, and steps ask for none of these.
         """
         if self.every:
             # Both are asked for, and to sum up once is less than twice.

@@ -1,8 +1,8 @@
 """A motion that goes on upon finer knots: what remains of its past is told in these.
 
-At a knot a spline of degree d is its value and its first d - 1 derivatives, however far the knots on
-either side are: the last coefficients on coarse knots and the first ones on fine knots are linear
-functions of each other, and nothing of what was known is lost.
+At a knot a spline of degree d is its value and its first d - 1 derivatives, however far the knots
+on either side are: the last coefficients on coarse knots and the first ones on fine knots are
+linear functions of each other, and nothing of what was known is lost.
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ _DENSE = 6
 
 @dataclass(frozen=True, eq=False)
 class KnotGrid:
-    """Knots of equal spacing; a chunk has so many intervals between them, and its matrices are those
-    of every other.
+    """Knots of equal spacing; a chunk has so many intervals between them, and its matrices are
+    those of every other.
     """
 
     start: float

@@ -1,8 +1,8 @@
 """Levels that are followed while the motion goes on: how lively it is, and how noisy readings are.
 
 How lively: the roughness of what has passed over the freedom that its readings have used of it
-[MacKay1992]_, forgotten with time, so that a motion that begins to shake is not held as stiff as it was
-before; a chunk in which the readings resolve nothing of it says nothing.
+[MacKay1992]_, forgotten with time, so that a motion that begins to shake is not held as stiff as it
+was before; a chunk in which the readings resolve nothing of it says nothing.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ class Liveliness:
     """How lively the motion is."""
 
     rough: Mapping[str, float]
-    """Part of the pose -> expected roughness, the last seconds weighing most [m^2/s^5], [1/s^5] times
-    the freedom."""
+    """Part of the pose -> expected roughness, the last seconds weighing most [m^2/s^5], [1/s^5]
+    times the freedom."""
     freedom: Mapping[str, float]
     """Part of the pose -> freedom that it has."""
     looser: Mapping[str, float]

@@ -57,7 +57,8 @@ class Linear:
         )
 
     def of_columns(self, use: NDArray[np.intp]) -> Linear:
-        """The same with some columns of the border alone; all others stay where they were linearised.
+        """The same with some columns of the border alone; all others stay where they were
+        linearised.
 
         Args:
             use: Which, shape (e,).
@@ -89,8 +90,8 @@ class Linear:
 
 
 def in_one(rows: Sequence[Rows], use: NDArray[np.intp], border: int) -> Rows:
-    """All rows of a short stretch of the motion together, number by number, with derivatives by some
-    columns of the border alone: their products are few then.
+    """All rows of a short stretch of the motion together, number by number, with derivatives by
+    some columns of the border alone: their products are few then.
 
     Args:
         rows: As they are.
@@ -212,7 +213,9 @@ def nothing_told(border: int) -> BorderEquations:
 
 
 def of_border(equations: NormalEquations, point: Array) -> BorderEquations:
-    """What equations say of the border about a point, calibration parameters counted from nothing."""
+    """What equations say of the border about a point, calibration parameters counted from
+    nothing.
+    """
     if equations.band.any():
         normal, gradient = equations.reduced()
     else:

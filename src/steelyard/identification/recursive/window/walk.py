@@ -1,10 +1,10 @@
 """A mass that walks at random: sand that runs out, a tank that is filled.
 
-Every chunk has a mass of its own, which is that of the one before and a step of which nothing is known
-but its variance, the density of the walk squared times the time between them (a random walk
-[Kalman1960]_). What is estimated is the mass of the last chunk. Steps within the window are columns of
-the border beside its own; what has passed is told about the next chunk, less sure by one step. What
-comes and goes is at the centre of gravity, so that this and the inertia about it stay.
+Every chunk has a mass of its own, which is that of the one before and a step of which nothing is
+known but its variance, the density of the walk squared times the time between them (a random walk
+[Kalman1960]_). What is estimated is the mass of the last chunk. Steps within the window are columns
+of the border beside its own; what has passed is told about the next chunk, less sure by one step.
+What comes and goes is at the centre of gravity, so that this and the inertia about it stay.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from steelyard.inertia import TEN, point_inertia, six
 
 
 def by_mass(border: Array) -> Array:
-    """How the border follows the mass while centre of gravity and inertia about it stay, shape (k,).
+    """How the border follows the mass while centre of gravity and inertia about it stay, shape
+    (k,).
 
     Args:
         border: The ten of :data:`steelyard.inertia.LINEAR_PARAMETERS`, then all else, shape (k,).
@@ -86,8 +87,8 @@ def without_columns(equations: NormalEquations, count: int) -> NormalEquations:
 
 
 def settled_steps(normal: Array, gradient: Array, count: int) -> tuple[Array, Array]:
-    """Matrix and right-hand side of the border once the steps, its last columns, have followed (Schur
-    complement), shapes (k, k) and (k,).
+    """Matrix and right-hand side of the border once the steps, its last columns, have followed
+    (Schur complement), shapes (k, k) and (k,).
 
     Args:
         normal: Of border and steps.
@@ -119,8 +120,8 @@ def steps_of(normal: Array, gradient: Array, border: Array) -> Array:
 def a_step_later(
     equations: NormalEquations, direction: Array, step: float, variance: float
 ) -> NormalEquations:
-    """Equations of few functions, about a border that has gone one step further, of which no more is
-    known.
+    """Equations of few functions, about a border that has gone one step further, of which no more
+    is known.
 
     Args:
         equations: Over no more functions than depend on each other.
@@ -166,8 +167,8 @@ def blind_to_mass(normal: Array, right: Array, direction: Array) -> tuple[Array,
 def as_in_the_end(
     parts: Sequence[BorderEquations], end: BorderEquations, direction: Array
 ) -> BorderEquations:
-    """What is to be added to equations of chunks, each of which is about its own mass, so that their
-    sum is about the last one.
+    """What is to be added to equations of chunks, each of which is about its own mass, so that
+    their sum is about the last one.
 
     Args:
         parts: Of all chunks.

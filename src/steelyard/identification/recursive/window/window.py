@@ -177,7 +177,9 @@ class Window:
 
     @property
     def ends(self) -> Array:
-        """What is known of processes at the end of what has arrived, lower banded form: they go on."""
+        """What is known of processes at the end of what has arrived, lower banded form: they go
+        on.
+        """
         grid, functions = self.grid, len(self.motion)
         whole = np.zeros((grid.block * (DEGREE + 1), functions * grid.block))
         start = (functions - DEGREE - 1) * grid.block

@@ -1,5 +1,5 @@
-"""A motion to begin with where no instrument tells the pose by itself: winch encoders with or without
-an orientation, a tracked point and cables, a gyro that knows no north.
+"""A motion to begin with where no instrument tells the pose by itself: winch encoders with or
+without an orientation, a tracked point and cables, a gyro that knows no north.
 
 At some instants of a run the platform is taken to be nearly in balance. Its poses there, a first
 body and the offsets of the lengths are those that fit the tensions, the lengths, the tracked points
@@ -38,7 +38,8 @@ _FITS = 0.2
 """Cost per residual below which poses are not looked for any further: of right ones it is
 0.08 to 0.17 in recordings at hand, of wrong ones 0.3 and more, since all 1-sigma are generous."""
 _CLEARLY = 0.7
-"""Part of the cost below which a platform that is turned otherwise fits better: noise makes less."""
+"""Part of the cost below which a platform that is turned otherwise fits better: noise makes
+less."""
 _ITERATIONS = 80
 """After which a search that goes astray ends."""
 _SETTLED = 1e-4
@@ -62,8 +63,8 @@ class FirstMotion:
 
 
 def lacks_pose(experiment: Experiment, run: Run) -> bool:
-    """Whether a run of a robot on cables has no orientation, measured or commanded, or no place: lengths
-    tell one only once their offsets are known.
+    """Whether a run of a robot on cables has no orientation, measured or commanded, or no place:
+    lengths tell one only once their offsets are known.
     """
     force = experiment.force_instrument(run)
     if force is None or experiment.instruments[force].measured_force != "tension" or run.static:
@@ -168,9 +169,9 @@ class _Poses:
 
 
 def _turned(instants: Instants, up: Array) -> Iterator[Array]:
-    """How the platform may be turned, R_world_platform, shape (3, 3): as somebody has read it; else with
-    its axes along those of the world first, then with any heading where an accelerometer says what is
-    up, or any way that brings the axes of a cube onto themselves.
+    """How the platform may be turned, R_world_platform, shape (3, 3): as somebody has read it; else
+    with its axes along those of the world first, then with any heading where an accelerometer says
+    what is up, or any way that brings the axes of a cube onto themselves.
     """
     if instants.turned is not None:
         yield instants.turned

@@ -1,5 +1,5 @@
-"""What is fitted where the motion alone is: which calibration parameters its readings tell, and whose
-noise is stated.
+"""What is fitted where the motion alone is: which calibration parameters its readings tell, and
+whose noise is stated.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ def read_by(
     calibration_parameters: CalibrationParameters,
     segments: Sequence[Segment],
 ) -> NDArray[np.bool_]:
-    """Calibration parameters that act on the readings of the motion and are not known exactly, shape
-    (u,).
+    """Calibration parameters that act on the readings of the motion and are not known exactly,
+    shape (u,).
 
     Args:
         experiment: With its instruments.
@@ -84,8 +84,8 @@ def untimed(
     calibration_parameters: CalibrationParameters,
     segments: Sequence[Segment],
 ) -> NDArray[np.bool_]:
-    """Delays of clocks by which nothing moves, as that of the encoders of locked winches, shape (u,):
-    no reading tells them, and what is left of the readings would be taken for a delay.
+    """Delays of clocks by which nothing moves, as that of the encoders of locked winches, shape
+    (u,): no reading tells them, and what is left of the readings would be taken for a delay.
     """
     timed: dict[tuple[str, str], bool] = {}
     for segment in segments:

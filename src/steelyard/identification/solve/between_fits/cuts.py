@@ -1,5 +1,5 @@
-"""Fits again without the force readings that stand out: single ones, and stretches in which something
-touches the platform.
+"""Fits again without the force readings that stand out: single ones, and stretches in which
+something touches the platform.
 """
 
 from __future__ import annotations

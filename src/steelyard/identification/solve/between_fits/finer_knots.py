@@ -1,5 +1,5 @@
-"""Finer knots, where forces and accelerometer feel a vibration that the knots do not follow, or where
-forces resolve more of the motion than its own instruments ask for.
+"""Finer knots, where forces and accelerometer feel a vibration that the knots do not follow, or
+where forces resolve more of the motion than its own instruments ask for.
 """
 
 from __future__ import annotations
@@ -171,8 +171,8 @@ def _scatter(found: Fitted, ratios: Mapping[Source, float]) -> dict[Source, floa
 
 
 def _felt(found: Fitted) -> dict[Source, float]:
-    """Variance of accelerometers that scatter beyond their stated noise by more than chance, over that
-    of it.
+    """Variance of accelerometers that scatter beyond their stated noise by more than chance, over
+    that of it.
     """
     experiment = found.task.experiment
     return {
@@ -186,9 +186,9 @@ def _felt(found: Fitted) -> dict[Source, float]:
 
 def finer_explain(begun: Beginning, found: Fitted) -> bool:
     """Whether a step of the motion on other knots takes most of what is left of the forces beyond
-    their stated noise, its freedom counted: noise, and errors of the description, stay. Where a step
-    goes too far, or much farther down, as from a motion that was far from these forces, so may a
-    further one.
+    their stated noise, its freedom counted: noise, and errors of the description, stay. Where a
+    step goes too far, or much farther down, as from a motion that was far from these forces, so may
+    a further one.
     """
     task = replace(begun.task, force_samples=found.force_samples)
     task, state = with_jitter(task, with_stated(task, begun.state))
@@ -238,8 +238,8 @@ def _is_beyond(found: Fitted, source: Source, scatter: float) -> bool:
 def begun_again(
     readings: Readings, before: Fitted, vibrations: Mapping[str, FinerKnots]
 ) -> Beginning:
-    """What was found, on other knots; clocks where forces and accelerometers go together best, since
-    what vibrates fits at many lags.
+    """What was found, on other knots; clocks where forces and accelerometers go together best,
+    since what vibrates fits at many lags.
     """
     state, parameters = before.fit.state, before.task.calibration_parameters
     values = state.calibration.values.copy()

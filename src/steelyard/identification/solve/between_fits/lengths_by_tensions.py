@@ -15,7 +15,8 @@ from steelyard.identification.solve.misfits.undisturbed_swings import slowly
 def with_tensions(fitted: Fitted) -> Fitted:
     """With the stretch and the sag of cables, where lengths are read, by tensions as they are by
     now: at first they are those of the readings, with all their gains and offsets; the very same
-    where no instrument looks at them. Where cables stretch, lengths follow the tensions from here on.
+    where no instrument looks at them. Where cables stretch, lengths follow the tensions from here
+    on.
     """
     task, state = fitted.task, fitted.fit.state
     if not any(r.tension is not None for segment in state.segments for r in segment.readings):
@@ -51,8 +52,8 @@ def with_tensions(fitted: Fitted) -> Fitted:
 
 
 def seen_with_tensions(fitted: Fitted, least: float) -> Fitted:
-    """Fitted again, lengths being seen with tensions as they are by now; the very same where none has
-    moved by more than a part of the usual one.
+    """Fitted again, lengths being seen with tensions as they are by now; the very same where none
+    has moved by more than a part of the usual one.
     """
     followed = with_tensions(fitted)
     if followed is fitted:

@@ -20,8 +20,8 @@ _ROUNDED = 1e-13
 _STRONG = 1e8
 """Information in units of plausible sizes that is as good as certain."""
 _CLEAR = 4.0
-"""Information of a motion in that of its noise, of which it contains as much again as it scatters, that
-noise does not reach by chance."""
+"""Information of a motion in that of its noise, of which it contains as much again as it scatters,
+that noise does not reach by chance."""
 
 
 def curvature(normal: Array, by_noise: Array | None, scale: Array) -> Array:
@@ -46,8 +46,8 @@ def curvature(normal: Array, by_noise: Array | None, scale: Array) -> Array:
 
 
 def inverse_of(matrix: Array, scale: Array) -> Array:
-    """Inverse over the estimated columns, with the ten in units of their plausible size; the others in those of their own
-    diagonal.
+    """Inverse over the estimated columns, with the ten in units of their plausible size; the others
+    in those of their own diagonal.
     """
     sizes = np.concatenate([scale, 1 / np.sqrt(np.maximum(np.abs(np.diag(matrix)[TEN:]), 1e-300))])
     return np.asarray(np.linalg.inv(matrix * np.outer(sizes, sizes)) * np.outer(sizes, sizes))

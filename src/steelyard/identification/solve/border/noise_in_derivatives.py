@@ -1,5 +1,5 @@
-"""What a motion of nothing but noise would tell of body and calibration: the fitted motion has noise,
-and so have the derivatives that are formed of it.
+"""What a motion of nothing but noise would tell of body and calibration: the fitted motion has
+noise, and so have the derivatives that are formed of it.
 """
 
 from __future__ import annotations

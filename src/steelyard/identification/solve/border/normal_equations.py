@@ -33,13 +33,13 @@ class BorderEquations:
     right: Array
     """Of the ten as they are and of the calibration parameters from present values, shape (k,)."""
     noise: Array
-    """Mean product of the noise in the regressor with itself, summed over the samples: what a motion
-    of nothing but noise would tell, shape (10, 10)."""
+    """Mean product of the noise in the regressor with itself, summed over the samples: what a
+    motion of nothing but noise would tell, shape (10, 10)."""
     freedom: float
     """Samples of six equations."""
     by_noise: Array | None = None
-    """Part of ``normal`` that is due to noise in derivatives where the motion follows the forces, see
-    :func:`solve`, shape (k, k); None: nothing."""
+    """Part of ``normal`` that is due to noise in derivatives where the motion follows the forces,
+    see :func:`solve`, shape (k, k); None: nothing."""
 
     def __add__(self, other: BorderEquations) -> BorderEquations:
         parts = [each.by_noise for each in (self, other) if each.by_noise is not None]
@@ -80,8 +80,8 @@ class Solution:
     """How estimates follow a change of the right-hand side, shape (k, k), zero where nothing is
     estimated."""
     projection: Array
-    """The same, were the likelihood curved as the products of derivatives say: what makes a residual
-    orthogonal to their columns."""
+    """The same, were the likelihood curved as the products of derivatives say: what makes a
+    residual orthogonal to their columns."""
     estimated: NDArray[np.bool_]
     """Shape (k,); the others are known exactly."""
     noise_part: Array
@@ -105,8 +105,8 @@ class Solution:
 
     @property
     def attainable(self) -> Array:
-        """Inverse of the information, with the plausible length of what is not identifiable, shape (k,
-        k).
+        """Inverse of the information, with the plausible length of what is not identifiable, shape
+        (k, k).
         """
         information = self.projection - self.projection @ self.held @ self.projection.T
         return np.asarray(information + self.wide @ self.wide.T)
@@ -131,7 +131,9 @@ class Blocks:
 
 
 class FurtherLoad(NamedTuple):
-    """A body that is carried in place of the first: the sum of the first ten columns and of others."""
+    """A body that is carried in place of the first: the sum of the first ten columns and of
+    others.
+    """
 
     columns: NDArray[np.intp]
     """Of what it is more than the first, shape (10,)."""
@@ -172,11 +174,11 @@ def solve(
 ) -> Solution:
     """Estimate body and calibration parameters.
 
-    The products of derivatives contain those of their noise, N. A motion that follows the forces has
-    its noise in residual and derivatives alike, which takes the same from the curvature of the
-    likelihood: the scores have the variance I that the products say, but the likelihood is curved by
-    I - N only, so that the covariance is (I - N)^-1 I (I - N)^-1 [Fuller1987]_. Where the motion is
-    lively N is nothing beside I.
+    The products of derivatives contain those of their noise, N. A motion that follows the forces
+    has its noise in residual and derivatives alike, which takes the same from the curvature of the
+    likelihood: the scores have the variance I that the products say, but the likelihood is curved
+    by I - N only, so that the covariance is (I - N)^-1 I (I - N)^-1 [Fuller1987]_. Where the motion
+    is lively N is nothing beside I.
 
     Args:
         equations: Of all runs.

@@ -1,5 +1,5 @@
-"""Whether blocks of the residuals and runs scatter more than noise has them do, and a covariance that
-is enlarged where they do.
+"""Whether blocks of the residuals and runs scatter more than noise has them do, and a covariance
+that is enlarged where they do.
 """
 
 from __future__ import annotations

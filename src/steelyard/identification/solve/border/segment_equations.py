@@ -32,8 +32,8 @@ from steelyard.identification.tally import Tally
 from steelyard.inertia import TEN
 
 _KEPT = 8192
-"""Samples of a segment whose rows are kept from one time to the next: they take 10 KiB of memory each,
-and to make them anew takes little longer where there are many."""
+"""Samples of a segment whose rows are kept from one time to the next: they take 10 KiB of memory
+each, and to make them anew takes little longer where there are many."""
 
 
 class BalanceCourse(NamedTuple):
@@ -208,8 +208,8 @@ def segment_equations(
 
 @dataclass(frozen=True, eq=False)
 class _RowsOfSegment:
-    """All rows of a segment, as often as they are asked for: those of a long recording are made anew
-    each time, for all of them together take more memory than anything else.
+    """All rows of a segment, as often as they are asked for: those of a long recording are made
+    anew each time, for all of them together take more memory than anything else.
     """
 
     task: Task

@@ -16,7 +16,9 @@ _INSTANTS = 500
 
 
 def every_along(segment: Segment) -> Iterator[tuple[Process, Array]]:
-    """Disturbances of a segment, and what they are at instants along it in SI units, shape (t, p) each."""
+    """Disturbances of a segment, and what they are at instants along it in SI units, shape (t, p)
+    each.
+    """
     if segment.static:
         return
     local = segment.basis(np.linspace(*segment.span, _INSTANTS))
@@ -32,8 +34,9 @@ def unstated_along(segment: Segment) -> Iterator[tuple[Process, Array]]:
 def disturbed_readings(
     segment: Segment, process: Process
 ) -> Iterator[tuple[Reading, Array, Array, Array]]:
-    """What a process disturbs along its segment: a reading, its n times within it [s], its values there,
-    shape (n, k), and by how much these depart for the process, shape (n, k); nothing of rotations.
+    """What a process disturbs along its segment: a reading, its n times within it [s], its values
+    there, shape (n, k), and by how much these depart for the process, shape (n, k); nothing of
+    rotations.
     """
     for reading in segment.readings:
         if reading.source != process.disturbs or reading.values.ndim != 2:
@@ -55,7 +58,9 @@ def root_mean_square(along: Array) -> Array:
 
 
 def too_large(task: Task, state: FitState) -> bool:
-    """Whether a motion instrument is disturbed by more than devices are: its description is wrong."""
+    """Whether a motion instrument is disturbed by more than devices are: its description is
+    wrong.
+    """
     for segment in state.segments:
         for process, along in unstated_along(segment):
             rms = root_mean_square(along)

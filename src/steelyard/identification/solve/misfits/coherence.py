@@ -74,7 +74,9 @@ def _largest(
     calibration: CalibrationValues,
     settings: FitSettings,
 ) -> Coherence:
-    """Largest correlation, at any lag, of the residuals of one accelerometer with those of the forces."""
+    """Largest correlation, at any lag, of the residuals of one accelerometer with those of the
+    forces.
+    """
     references = reference_clocks(experiment, calibration.calibration_parameters, segment)
     times, *_, linear = looked_at(
         experiment, segment, reading, slice(None), calibration, references

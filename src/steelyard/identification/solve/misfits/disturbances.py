@@ -94,8 +94,8 @@ def _tried(
     """With what is tried next: of the instruments the one with the largest score, and the wrench.
 
     Where two instruments tell the same part of the pose, the residuals are those of the worse one,
-    whichever is wrong: the marginal likelihood decides between them. So it does between a wrench and
-    noise of the tensions.
+    whichever is wrong: the marginal likelihood decides between them. So it does between a wrench
+    and noise of the tensions.
     """
     # Force and torque come together: an arm turns one into the other.
     pulls = _of_pulls(task, asked, known, present)
@@ -300,8 +300,8 @@ def _levels(task: Task, state: FitState) -> ProcessLevels:
 
 
 def _largest_of_forces(task: Task, state: FitState) -> dict[Source, float]:
-    """Source -> level that coloured noise of its readings has at most: cells that drift by a large part
-    of what they read would carry the body by themselves.
+    """Source -> level that coloured noise of its readings has at most: cells that drift by a large
+    part of what they read would carry the body by themselves.
     """
     found: dict[Source, float] = {}
     if not task.experiment.robot.m:

@@ -1,8 +1,8 @@
 """Time stamps that scatter: noise where the readings change quickly, none where they rest.
 
-A stamp that is late by the absolute value of a normal number of 1-sigma j is late by a mean that the
-delay of the clock takes up, and scatters about it by j sqrt(1 - 2 / pi). What that makes of a reading
-is its rate times as much, white from sample to sample.
+A stamp that is late by the absolute value of a normal number of 1-sigma j is late by a mean that
+the delay of the clock takes up, and scatters about it by j sqrt(1 - 2 / pi). What that makes of a
+reading is its rate times as much, white from sample to sample.
 """
 
 from __future__ import annotations
@@ -26,14 +26,15 @@ from steelyard.identification.solve.joint_fit import fit
 SCATTER = float(np.sqrt(1 - 2 / np.pi))
 """1-sigma of the absolute value of a standard normal number."""
 _APART = 0.05
-"""Time after which stamps scatter anew [s]: a logger that writes messages in the order in which they
-came makes those that follow each other late together."""
+"""Time after which stamps scatter anew [s]: a logger that writes messages in the order in which
+they came makes those that follow each other late together."""
 _ORDER = 2
 """Of the polynomials that show the rate of force readings."""
 _FEWEST = 7
 """Samples that they go through, at least."""
 _CHANGING = 0.25
-"""Part of the squared rate that a motion gives them, which readings show at least if they follow it."""
+"""Part of the squared rate that a motion gives them, which readings show at least if they follow
+it."""
 _HALF = 0.1
 """Half the time that they go through [s]: forces on platforms follow motions of a few hertz."""
 
@@ -184,7 +185,8 @@ def _scatterings(task: Task, state: FitState) -> Iterator[_Scattering]:
             bound = task.settings.jitter_bound * float(np.sqrt(np.mean(residual[use] ** 2)))
             held = np.clip(residual[use], -bound, bound)
             # What goes on for a while, as of a heading that walks while the platform turns, or of a
-            # filter that follows the accelerometer, is no jitter, and not in second differences over
+            # filter that follows the accelerometer, is no jitter, and not in second differences
+            # over
             # a short time.
             lag = _lag(reading.time[use])
             if len(held) <= 2 * lag or not _changes(
@@ -203,8 +205,8 @@ def _scatterings(task: Task, state: FitState) -> Iterator[_Scattering]:
 
 
 def _changes(values: Array, time: Array, lag: int, rate: Array) -> bool:
-    """Whether readings change as quickly as the motion would have it: what an encoder of a winch that
-    stands still reads cannot be late, whatever its residuals do.
+    """Whether readings change as quickly as the motion would have it: what an encoder of a winch
+    that stands still reads cannot be late, whatever its residuals do.
 
     Args:
         values: Of one quantity, shape (n, k), or matrices, which are not looked at.
@@ -229,8 +231,8 @@ def _lag(time: Array) -> int:
 def _residual_and_rate(
     task: Task, state: FitState, segment: Segment, reading: Reading
 ) -> tuple[Array, Array]:
-    """Of a quantity against the motion and its disturbances, and by how much it changes in a second,
-    shape (n, k) each.
+    """Of a quantity against the motion and its disturbances, and by how much it changes in a
+    second, shape (n, k) each.
     """
     references = reference_clocks(task.experiment, task.calibration_parameters, segment)
     _, local, motion, linear = looked_at(

@@ -1,5 +1,5 @@
-"""Forces that are late and forces that are filtered: about no time both are the same, and what reads late
-is easily taken for filtered.
+"""Forces that are late and forces that are filtered: about no time both are the same, and what
+reads late is easily taken for filtered.
 """
 
 from __future__ import annotations
@@ -30,20 +30,22 @@ from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 _Possible = tuple[frozenset[Key], tuple[Task, Fit]]
 """What is asked for, and the task and its fit with that."""
 ALIKE = 25.0
-"""Difference of the costs of a latency and of a filter below which the data do not tell one from the
-other: then both may be there. By noise alone it would be a matter of three of their 1-sigma; with what
-else is not quite as described, filters that were there have cost up to 24 more than delays."""
+"""Difference of the costs of a latency and of a filter below which the data do not tell one from
+the other: then both may be there. By noise alone it would be a matter of three of their 1-sigma;
+with what else is not quite as described, filters that were there have cost up to 24 more than
+delays."""
 _SHARED, _OPEN = 0.7, 0.25
-"""Time constant of a filter beside a latency and its 1-sigma, in how far readings are behind: the square
-of the first is half of the whole, and two of the second take that to nothing and to the whole."""
+"""Time constant of a filter beside a latency and its 1-sigma, in how far readings are behind: the
+square of the first is half of the whole, and two of the second take that to nothing and to the
+whole."""
 _MARGIN = 0.1
 """By which clocks may differ, beside [s]."""
 _TWIN = {LATENCY: TIME_CONSTANT, TIME_CONSTANT: LATENCY}
 
 
 def alternatives(task: Task, asked: frozenset[Key]) -> list[frozenset[Key]]:
-    """What may explain residuals: what they ask for, and a filter in the place of a latency or the other
-    way round.
+    """What may explain residuals: what they ask for, and a filter in the place of a latency or the
+    other way round.
 
     Args:
         task: What is fitted.
@@ -60,8 +62,8 @@ def alternatives(task: Task, asked: frozenset[Key]) -> list[frozenset[Key]]:
 
 
 def twins_of(task: Task, asked: frozenset[Key]) -> dict[Key, CalibrationParameter]:
-    """Filters where latencies are asked for, latencies where filters are, of the same instruments, as
-    they are when they are none; those that are stated are not there.
+    """Filters where latencies are asked for, latencies where filters are, of the same instruments,
+    as they are when they are none; those that are stated are not there.
     """
     wanted = {(owner, _TWIN[key]) for owner, key, _ in asked if key in _TWIN}
     if not wanted:
@@ -89,10 +91,10 @@ def join_twins(groups: dict[Key, list[Key]]) -> None:
 def shared(
     task: Task, state: FitState, asked: frozenset[Key], alone: FitState
 ) -> tuple[Task, FitState]:
-    """Task and state with what forces are behind shared between latency and filter, where the readings do
-    not tell one from the other: what is smoothed goes with the square of the time constant, and is
-    believed to be anything between nothing and what the whole would smooth as a filter. Without that
-    a time constant near zero would be told by nothing.
+    """Task and state with what forces are behind shared between latency and filter, where the
+    readings do not tell one from the other: what is smoothed goes with the square of the time
+    constant, and is believed to be anything between nothing and what the whole would smooth as a
+    filter. Without that a time constant near zero would be told by nothing.
 
     Args:
         task: With both.
@@ -118,12 +120,13 @@ def shared(
 def prices(
     fits: Sequence[tuple[Task, Fit]], factors: Mapping[Source, float], *, held: bool
 ) -> list[float]:
-    """Of fits, every noise being as large as it is said to be, and without the forces of which one of them
-    does not know what its filter remembers; with what the motion takes up of the noise.
+    """Of fits, every noise being as large as it is said to be, and without the forces of which one
+    of them does not know what its filter remembers; with what the motion takes up of the noise.
 
-    Behind a filter forces tell less of what is fast in a motion, which then follows less of their noise
-    and leaves more of it over: by that alone a delay would seem better. What is likely over all motions
-    is no measure either: where a motion is smoother than its prior, it is in favour of the filter.
+    Behind a filter forces tell less of what is fast in a motion, which then follows less of their
+    noise and leaves more of it over: by that alone a delay would seem better. What is likely over
+    all motions is no measure either: where a motion is smoother than its prior, it is in favour of
+    the filter.
 
     Args:
         fits: What was fitted, and how.
@@ -170,8 +173,9 @@ def with_twins_settled(
     before: CalibrationParameters,
     again: Callable[[Task, FitState], Fit] = fit,
 ) -> tuple[Task, Fit]:
-    """The task with a latency of the forces in the place of a filter or the other way round, or with both,
-    where that is how it is once everything else has been found; the very same where it stays as it is.
+    """The task with a latency of the forces in the place of a filter or the other way round, or
+    with both, where that is how it is once everything else has been found; the very same where it
+    stays as it is.
 
     Beside what is not explained yet, what costs more tells little.
 

@@ -77,8 +77,8 @@ def look(
 
 
 def farthest(alone: Array, size: Array) -> tuple[NDArray[np.intp], Array, Array]:
-    """Of every sample the reading that is off farthest, how far it is, and what is left of the sample
-    without it, shape (n,) each.
+    """Of every sample the reading that is off farthest, how far it is, and what is left of the
+    sample without it, shape (n,) each.
 
     Args:
         alone: How far every reading is off by itself, in its own 1-sigma, shape (n, r).
@@ -101,8 +101,8 @@ def _in_a_row(spikes: NDArray[np.bool_], worst: NDArray[np.intp], many: int) -> 
 def _contacts(
     time: Array, large: NDArray[np.bool_], settings: FitSettings
 ) -> list[tuple[int, int]]:
-    """Stretches with several large residuals close to each other: first sample, and the one behind the
-    last.
+    """Stretches with several large residuals close to each other: first sample, and the one behind
+    the last.
     """
     return [
         (first, last)
@@ -114,8 +114,8 @@ def _contacts(
 def _grown(
     time: Array, found: Sequence[tuple[int, int]], off: NDArray[np.bool_], settings: FitSettings
 ) -> list[tuple[int, int]]:
-    """Stretches with what is off before and behind them, as far as most samples are; those that meet as
-    one.
+    """Stretches with what is off before and behind them, as far as most samples are; those that
+    meet as one.
 
     Args:
         time: Of all samples [s], shape (n,).

@@ -1,8 +1,8 @@
 """Cables of a swinging platform that hang slack for a while, though nobody reads them.
 
-A cable that would have to push is slack. While it is, and where it comes taut again with a jerk that
-no spline follows, the motion is not as sure as its readings: what these stretches say of the body
-is biased, towards a lower centre of gravity by up to some 1-sigma. They are left out.
+A cable that would have to push is slack. While it is, and where it comes taut again with a jerk
+that no spline follows, the motion is not as sure as its readings: what these stretches say of the
+body is biased, towards a lower centre of gravity by up to some 1-sigma. They are left out.
 
 A motion tells a tension to a hundredth or two of them all, so that a cable which pulls less may be
 slack as well as not: it is left out, and not said to be slack.
@@ -34,9 +34,11 @@ class SlackCables:
     def __str__(self) -> str:
         found = [f"cable {i + 1} for {_part(self.shares[i])}" for i in np.flatnonzero(self.shares)]
         return (
-            f"run '{self.run}': cables pull next to nothing or hang slack ({', '.join(found)} of the"
+            f"run '{self.run}': cables pull next to nothing or hang slack ({', '.join(found)} of"
+            " the"
             " time); these moments and what is just before and after them,"
-            f" {_part(self.left_out)} of the run, do not count: push less, or hang the platform where"
+            f" {_part(self.left_out)} of the run, do not count: push less, or hang the platform"
+            " where"
             " all its cables pull"
         )
 

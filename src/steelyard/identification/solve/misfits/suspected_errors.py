@@ -1,5 +1,5 @@
-"""Errors that good devices do not have, put into a fit and taken out of it, and whether what came out can
-be.
+"""Errors that good devices do not have, put into a fit and taken out of it, and whether what came
+out can be.
 """
 
 from __future__ import annotations
@@ -95,8 +95,8 @@ def is_possible(task: Task, found: Fit, asked: frozenset[Key], *, with_twin: boo
 
 
 def _bends(task: Task, found: Fit) -> bool:
-    """Whether what was found of parts that bend is some: all of them stand off the way in which they
-    are pulled, so that their matrix is positive.
+    """Whether what was found of parts that bend is some: all of them stand off the way in which
+    they are pulled, so that their matrix is positive.
     """
     places, size = task.calibration_parameters.places, task.experiment.robot.size
     own = np.concatenate([np.r_[places[key]] for key in BENDING_KEYS])

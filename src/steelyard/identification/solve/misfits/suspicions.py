@@ -175,8 +175,8 @@ def _chance_of(
 
 
 def _chance_of_bending(known: Array, off: Array, by_prior: Array) -> float:
-    """The same of what bends: of all of its numbers, or of those of a part at one point if the others
-    were none.
+    """The same of what bends: of all of its numbers, or of those of a part at one point if the
+    others were none.
 
     Args:
         known: Covariance, shape (k, k).
@@ -220,7 +220,8 @@ def _tail(far: float, share: Array) -> float:
 
 def _worst(task: Task, state: FitState, refused: frozenset[Key], *, held: bool) -> frozenset[Key]:
     """What the readings ask for most, a hose with force, stiffness and point; empty: nothing, or a
-    number of one cable, of the robot file or of its force sensor, which is to be named by the verdict.
+    number of one cable, of the robot file or of its force sensor, which is to be named by the
+    verdict.
     """
     suspects: dict[Key, list[CalibrationParameter]] = {}
     for each in task.calibration_parameters.entries:

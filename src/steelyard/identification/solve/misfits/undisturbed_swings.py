@@ -1,5 +1,5 @@
-"""Swings without force sensors, without the stretches in which a cable is slack or a hand touches the
-platform; cables that keep their lengths stretch by what carries it.
+"""Swings without force sensors, without the stretches in which a cable is slack or a hand touches
+the platform; cables that keep their lengths stretch by what carries it.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ from steelyard.identification.solve.misfits.slack_cables import SlackCables, aro
 from steelyard.smoothing import Samples1D, fit
 
 _SWINGING = 0.125
-"""Spacing of the knots of tensions that change as a platform swings [s]: they pass what has up to 4 Hz.
-Of what is slower alone, ropes that stretch by millimetres ask for more; what is faster is noise."""
+"""Spacing of the knots of tensions that change as a platform swings [s]: they pass what has up to 4
+Hz. Of what is slower alone, ropes that stretch by millimetres ask for more; what is faster is
+noise."""
 
 
 def undisturbed_swings(readings: Readings, begun: Beginning) -> tuple[Readings, Beginning]:
@@ -62,8 +63,8 @@ def _without_slack(readings: Readings, begun: Beginning) -> tuple[Readings, Begi
 def _without_lengths(
     readings: Readings, segment: Segment, slack: Sequence[tuple[float, float]]
 ) -> Segment:
-    """A segment in which nothing is said of lengths while a cable is slack: its ends are nearer to each
-    other then than it is long.
+    """A segment in which nothing is said of lengths while a cable is slack: its ends are nearer to
+    each other then than it is long.
 
     Args:
         readings: Of the experiment.
@@ -101,8 +102,8 @@ def slowly(time: Array, tensions: Array) -> Array:
 
 
 def _with_tensions_carried(readings: Readings, begun: Beginning) -> Beginning:
-    """A beginning in which constant lengths stretch by the tensions that carry the first body; the very
-    same where nothing is said of them.
+    """A beginning in which constant lengths stretch by the tensions that carry the first body; the
+    very same where nothing is said of them.
     """
     instruments = readings.experiment.instruments
     if not any(

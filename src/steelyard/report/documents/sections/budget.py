@@ -45,7 +45,8 @@ def budget(summary: Summary) -> Section | None:
         height=420,
     )
     text = (
-        "What the 1-sigma of each parameter comes from, as shares of its variance. The largest share"
+        "What the 1-sigma of each parameter comes from, as shares of its variance. The largest"
+        " share"
         " is where better knowledge helps: a calibrated sensor, a measured anchor, a longer"
         " recording."
     )

@@ -197,7 +197,9 @@ def _numbers(best: EstimatedBody) -> Iterator[Block]:
         sigma = deviations_of(best)[0]
         if sigma is not None:
             text = (
-                f"The mass is known to {figures(100 * sigma / body.mass, 2)} %. The box is homogeneous, a"
+                f"The mass is known to {figures(100 * sigma / body.mass, 2)} %. The box is"
+                " homogeneous,"
+                " a"
                 " picture of the inertia, not of the platform."
             )
             yield Statements((Statement(text),))

@@ -88,8 +88,11 @@ def _expected(traces: Sequence[Trace]) -> Iterator[Statement]:
     if m > _EQUATIONS:
         yield Statement(
             "Predicted tensions are those nearest to the measured ones that balance the platform."
-            f" {m} cables enter {_EQUATIONS} equations: where all assumptions hold, the residuals of"
-            f" tensions have {fixed(np.sqrt(_EQUATIONS / m), 2)} of the size of their noise, those of the"
+            f" {m} cables enter {_EQUATIONS} equations: where all assumptions hold, the residuals"
+            " of"
+            f" tensions have {fixed(np.sqrt(_EQUATIONS / m), 2)} of the size of their noise, those"
+            " of"
+            " the"
             " other instruments its full size."
         )
 
@@ -99,7 +102,9 @@ def _remarks(summary: Summary, traces: Sequence[Trace]) -> Iterator[Statement]:
     evidence = summary.evidence
     for run, start, end in evidence.contacts:
         yield Statement(
-            f"Run '{run}': something touched the platform from {fixed(start, 2)} to {fixed(end, 2)} s; its"
+            f"Run '{run}': something touched the platform from {fixed(start, 2)} to"
+            f" {fixed(end, 2)} s;"
+            " its"
             " forces are left out there.",
             "note",
         )
@@ -273,7 +278,8 @@ def _spectra(traces: Sequence[Trace]) -> Iterator[Figure]:
             by_run.setdefault(each.run, []).append(drawn)
     for run, data in by_run.items():
         text = (
-            f"Spectra of the residuals in run {run}. White noise of the assumed size is flat at 1; a"
+            f"Spectra of the residuals in run {run}. White noise of the assumed size is flat at 1;"
+            " a"
             " peak is a motion or a vibration that the model does not follow. Cables enter six"
             " equations together, so that theirs are below 1."
         )

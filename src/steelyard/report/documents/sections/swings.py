@@ -1,4 +1,6 @@
-"""How the platform swings on locked winches, against the natural frequencies of the estimated body."""
+"""How the platform swings on locked winches, against the natural frequencies of the estimated
+body.
+"""
 
 from __future__ import annotations
 
