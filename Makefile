@@ -27,9 +27,11 @@ unit: $(VENV)/.installed-test
 test: check
 	$(PYTEST) -m "not slow and ($(MARKED))"
 
-# What `test` leaves out since it takes long: examples, more designs, longer recordings.
+# What `test` leaves out since it takes long: examples, more designs, longer recordings. LONG=K/N runs one of N parts of
+# the longest ones.
+LONG ?= 0/1
 test-slow: $(VENV)/.installed-test
-	$(PYTEST) -m slow
+	$(PYTEST) -m slow --long-part=$(LONG)
 
 # About ten minutes of changed files for every reader: at random, then guided by the code they reach. FUZZ_SEED draws others.
 FUZZ_SEED ?= 0

@@ -9,6 +9,7 @@ import re
 import signal
 import sys
 from itertools import combinations
+from zlib import crc32
 
 # Many small matrices: threads of their own cost more than they do, the more so beside other work.
 # Before NumPy is loaded.
@@ -41,6 +42,29 @@ def pytest_collection():
         gc.enable()
         # And rarely later: a twentieth of the time.
         gc.set_threshold(100_000, 20, 20)
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--long-part",
+        default="0/1",
+        metavar="K/N",
+        help="Of the tests that are marked long, those whose number is K of N; 0/1: all.",
+    )
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leave long tests of other parts out, the same ones in every process."""
+    number, parts = (int(each) for each in config.getoption("long_part").split("/"))
+    left_out = [
+        item
+        for item in items
+        if item.get_closest_marker("long") and crc32(item.nodeid.encode()) % parts != number % parts
+    ]
+    if left_out:
+        config.hook.pytest_deselected(items=left_out)
+        gone = set(left_out)
+        items[:] = [item for item in items if item not in gone]
 
 
 def pytest_ignore_collect(collection_path, config):

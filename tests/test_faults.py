@@ -134,6 +134,7 @@ def played():
     return cases
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("verb", "ways"), played())
 def test_results_are_old_or_new_wherever_it_fails(run, verb, ways, sources, tmp_path, monkeypatch):
     out, start = tmp_path / "out", tmp_path / "start"

@@ -275,6 +275,7 @@ def test_cables_with_weight_hang_and_vibrate_as_strings_do(public, simulator):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.mujoco
 @pytest.mark.parametrize("condition", ["plain", "rollers", "heavy-cables"])
 def test_the_cables_move_the_body(public, simulator, condition):

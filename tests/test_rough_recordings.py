@@ -46,6 +46,7 @@ def test_cables_carry_what_moves_the_body(rough, name):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_every_kind_is_a_recording_that_can_be_read(rough, tmp_path):
     recording, kinds = rough("recording"), rough("kinds")
     for kind, what in kinds.KINDS.items():

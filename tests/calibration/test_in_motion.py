@@ -164,6 +164,7 @@ def test_a_recording_in_motion_tells_geometry_and_body():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("m", "forces"), [(4, False), (8, False), (8, True)])
 def test_intervals_cover(m, forces):
     drawn = (moved(seed, m=m, forces=forces) for seed in range(12))

@@ -25,6 +25,7 @@ def test_lengths_and_forces_alone_tell_the_shape():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_intervals_cover_up_to_the_gauge():
     chi = []
     for seed in range(10):

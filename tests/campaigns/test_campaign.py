@@ -492,6 +492,7 @@ def test_a_campaign_that_is_killed_loses_nothing_that_was_done(data, out):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_worker_that_is_killed_costs_no_experiment(data, out):
     for i in range(10):
         shutil.copytree(data / "a", data / f"more-{i:02}")

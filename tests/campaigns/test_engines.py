@@ -144,6 +144,7 @@ def test_a_scheduler_is_found_from_within_a_loop_that_runs(cluster):
     assert asyncio.run(inside()) == "running"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "killed",
     [False, pytest.param(True, marks=pytest.mark.slow)],  # submitit waits long for lost results

@@ -17,6 +17,7 @@ def data(tmp_path_factory):
     return data
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("engine", "target"), [(e, target) for e, targets in TARGETS.items() for target in targets]
 )

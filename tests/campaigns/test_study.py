@@ -112,6 +112,7 @@ def studied(robot, out, draws=3, **keys):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_draws_are_simulated_once_and_gone_on_with(robot, tmp_path):
     first = studied(robot, tmp_path / "a", 2)
     assert (first.draws, list(first.methods), first.problems) == (2, [TWO_STEP], ())
@@ -154,6 +155,7 @@ def test_an_experiment_is_simulated_as_it_was_recorded(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.parametrize("name", ["four-cables-00", "three-cables-00"])
 def test_a_platform_that_swings_is_simulated_as_it_was_recorded(name, tmp_path):

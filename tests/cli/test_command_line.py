@@ -694,6 +694,7 @@ def test_a_terminal_of_few_characters_is_no_trouble(small, encoding, option):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_demo_tells_the_whole_story(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     status, out, err = run("demo")

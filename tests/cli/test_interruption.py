@@ -161,6 +161,7 @@ def test_a_signal_while_the_block_is_left_leaves_no_timer():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("verb", ["identify", "design", "simulate"])
 def test_signals_at_random_moments_leave_all_or_nothing(verb, tmp_path):
     small = write_small(tmp_path / "small")

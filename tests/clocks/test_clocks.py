@@ -222,6 +222,7 @@ def recorded(seed):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_clocks_of_an_experiment():
     experiment, ahead = recorded(0)
     auto = without_clocks(experiment)

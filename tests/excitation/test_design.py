@@ -209,6 +209,7 @@ def test_motion_is_far_slower_than_the_platform_swings(told):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_maximum_likelihood_reports_what_was_predicted(command, told):
     recorded = simulate(ROBOT, {"design": command}, paper_sensors(ROBOT), seed=3)
     estimate = MaximumLikelihood()(recorded.experiment)
@@ -256,6 +257,7 @@ def test_check_says_what_a_motion_cannot_tell_and_what_it_exceeds(run, tmp_path)
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_what_is_known_already_adds_to_what_a_motion_will_tell(run, tmp_path):
     _, out, _ = run("design", "cogiro", "--check", "multisine", "--duration", "9", "--json")
     plain = json.loads(out)["all_runs"]["standard_deviation"]
@@ -301,6 +303,7 @@ np.save(sys.argv[2], found.trajectories["design"].derivative(np.linspace(0, 8, 8
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_same_seed_gives_the_same_motion_and_another_another(tmp_path, told, command):
     """In processes of their own, and as the command line has written it, where its search ended in
     time."""
@@ -324,6 +327,7 @@ def test_same_seed_gives_the_same_motion_and_another_another(tmp_path, told, com
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_second_run_adds_what_the_first_one_lacks():
     found = design(planned(), 6.0, runs=2, budget=60.0).appraisal
     assert list(found.trajectories) == ["design-1", "design-2"]
@@ -333,6 +337,7 @@ def test_a_second_run_adds_what_the_first_one_lacks():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_start_and_end_are_those_asked_for():
     start, end = np.array([0.5, 0, 1.8, 0, 0, 0.1]), np.array([-0.5, 0.3, 2.2, 0.1, 0, 0])
     found = design(planned(), 8.0, start=start, end=end, budget=30.0).appraisal
@@ -341,6 +346,7 @@ def test_start_and_end_are_those_asked_for():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_targets_of_trackers_and_cables_keep_their_limits():
     instruments = dict(paper_sensors(ROBOT).instruments)
     instruments["tracker"] = type(instruments["tracker"]).model_validate(
@@ -369,6 +375,7 @@ def test_targets_of_trackers_and_cables_keep_their_limits():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_body_on_a_wrench_sensor_is_designed_for_too(tmp_path):
     robot = replace(
         ROBOT,
@@ -598,6 +605,7 @@ def test_instruments_must_say_how_good_and_how_fast_they_are(run, tmp_path, monk
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_an_experiment_that_has_not_been_recorded_yet_is_designed_for(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     plan = {

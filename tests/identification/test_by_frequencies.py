@@ -68,6 +68,7 @@ def chi_square(found):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("by", ["lengths", "pose"])
 def test_a_stop_watch_tells_the_body(by):
     chi, freedom = 0.0, 0
@@ -89,6 +90,7 @@ def test_what_frequencies_do_not_tell_is_null():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_wrong_row_is_rejected_by_name():
     seen = list(stopwatch(3, 10, 1))
     seen[4] = replace(seen[4], frequency=seen[4].frequency * 1.1)
@@ -98,6 +100,7 @@ def test_a_wrong_row_is_rejected_by_name():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_mode_that_was_not_seen_is_left_out():
     seen = stopwatch(3, 12, 2)
     fewer = tuple(
@@ -131,6 +134,7 @@ def test_files_give_the_same_back(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_beside_swings_they_tell_more():
     recorded = swings(3, runs=3, seed=4)
     robot = recorded.true

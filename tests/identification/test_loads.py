@@ -198,6 +198,7 @@ def test_a_run_that_is_held_out_is_predicted_with_its_own_load():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_intervals_of_what_was_added_cover():
     z = []
     for seed in range(20):
@@ -264,12 +265,14 @@ def test_what_the_swinging_load_weighs_more_is_told_beside_shared_gains():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_load_that_swings_is_told_from_a_rigid_one():
     found = identify(loosely(rigid=True), "maximum-likelihood").estimate.loads.estimates
     assert not found["swing"].verdict.accepted
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_at_rest_its_centre_of_gravity_is_told_too():
     found = identify(loosely(rest=True), "maximum-likelihood").estimate.loads.estimates["swing"]
     assert found.verdict.accepted, found.verdict.reasons
@@ -290,6 +293,7 @@ def test_two_steps_and_linear_methods_do_not_accept_what_moves():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_what_moves_is_said():
     found = identify(loosely(), "maximum-likelihood").estimate.loads.estimates
     assert any("something moves in it" in note for note in found["swing"].notes)

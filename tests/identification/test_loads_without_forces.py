@@ -87,6 +87,7 @@ def test_a_load_of_unknown_mass_is_refused(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_loads_that_swing_in_mujoco_share_the_geometry():
     chi, differences = [], []
     for seed in (31, 32):

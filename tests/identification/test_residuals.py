@@ -138,6 +138,7 @@ def test_measured_wrench_is_that_of_the_cables(experiment):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_lengths_are_beside_what_ropes_that_damp_have_been_stretched_to():
     robot = read_robot("cogiro").with_straight_cables()
     rope = replace(robot.cable, axial_stiffness=1e5, damping_ratio=0.2)

@@ -11,6 +11,7 @@ from steelyard.identification.identify import identify
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["least-squares", "instrumental-variables", "consistent"])
 def test_impossible_noise_is_rejected_and_nothing_overflows(method, monkeypatch):
     """Squares of what is stated are lost in the rounding of the normal equations."""

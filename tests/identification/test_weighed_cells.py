@@ -325,6 +325,7 @@ def weighed_recording(seed):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.integration
 def test_every_method_knows_the_mass_better():
     found, table = weighed_recording(0)
@@ -344,6 +345,7 @@ def test_every_method_knows_the_mass_better():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_intervals_of_the_body_cover():
     chi, z = [], []
     for seed in range(24):

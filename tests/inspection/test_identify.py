@@ -62,6 +62,7 @@ def test_sound_ones_have_nothing_to_change(robot):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.mujoco
 def test_a_motion_that_disturbs_is_in_no_other_unit(tmp_path, monkeypatch):
     # Filters, a hose and jumps on four cables: whatever makes the motion smaller agreed better, and

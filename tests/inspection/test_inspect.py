@@ -22,6 +22,7 @@ pytestmark = pytest.mark.integration
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_hand_on_the_platform_is_placed():
     finer = changed(PAPER["cables"], rate=100.0, noise=0.6)
     found = inspect(RECORDER(5, touched=True, instruments={**PAPER, "cables": finer}))

@@ -394,6 +394,7 @@ def sound(seed):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("method", ["least-squares", "maximum-likelihood"])
 def test_the_truth_is_within_what_is_stated(method):
     seeds = (1, 2, 3)
@@ -443,6 +444,7 @@ FIVE = winch({"value": 0.05, "sigma": 0.0})
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_friction_that_is_left_out_is_noticed():
     experiment, _ = recorded(FIVE, 5)
     # With its prior it is found, two and a half times as far off as expected.

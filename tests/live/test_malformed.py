@@ -96,6 +96,7 @@ def test_what_is_malformed_is_counted_and_what_is_sound_is_taken():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_million_of_them_take_no_memory():
     buffer, most = refuse(1_000_000)
     assert buffer.counts.refused == 1_000_000

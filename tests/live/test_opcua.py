@@ -94,6 +94,7 @@ def connected(arrivals, remarks, refused):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_server_that_is_killed_is_found_again():
     port = free_port()
     source = open_source(f"opc.tcp://127.0.0.1:{port}", PLAN)

@@ -78,6 +78,7 @@ def test_a_replay_ends_where_the_recursion_does(points, recursive):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_rows_are_in_the_platform_frame_as_it_is_stated(points):
     _, records = replayed(points)
     _, elsewhere = replayed(in_other_frames(points))
@@ -128,6 +129,7 @@ def test_a_chunk_that_cannot_leave_the_window_ends_the_motion_before_the_last_on
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_samples_out_of_order_tell_the_same(points):
     one, _ = replayed(points)
     other, _ = replayed(points, shuffled=True)
@@ -148,6 +150,7 @@ def test_after_a_gap_the_motion_is_followed_again(points, recursive):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_robot_that_stands_still_for_long_is_waited_for():
     experiment = rested(24.0)(3)
     settings = replace(LIVE, longest=10.0)

@@ -1125,6 +1125,7 @@ def test_noise_behind_the_beginning(small, tmp_path, name):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.integration
 def test_checksums(small, tmp_path, found):
     """What a format can notice, it does: the numbers of an MCAP file are right, or it is

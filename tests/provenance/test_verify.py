@@ -166,6 +166,7 @@ def test_nothing_names_the_machine(made):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_calibrations_and_designs_have_it_too(run, tmp_path):
     (tmp_path / "hall").mkdir()
     write_experiment(recorded(m=4)[0], tmp_path / "hall")

@@ -203,6 +203,7 @@ RECORDED = [
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("method", "recording"), RECORDED)
 def test_recordings_of_another_simulator(recordings, recorded_truth, method, recording):
     found = METHODS[method](read_experiment(recordings / recording / "experiment.yaml"))

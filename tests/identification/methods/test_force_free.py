@@ -139,6 +139,7 @@ def test_with_forces_there_is_another_method():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("m", [3, 4])
 def test_maximum_likelihood_of_swings_in_mujoco(m):
     found = identify(swings(m, runs=4, seed=m).experiment)
@@ -155,6 +156,7 @@ def test_maximum_likelihood_of_swings_in_mujoco(m):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     "real",
     [
@@ -178,6 +180,7 @@ def test_swings_as_a_laboratory_records_them(real):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_short_swings_on_four_cables_do_not_contradict_each_other():
     # Where a run tells hardly anything, its scores are curvature of the model as much as readings.
     recorded = record(Laboratory(cables=4, runs=4, duration=4.0), [77, 4, 0])

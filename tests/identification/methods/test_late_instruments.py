@@ -17,6 +17,7 @@ LATE = 0.03
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["imu", "cables"])
 def test_what_is_late_is_found_and_the_body_is_that_of_a_sound_recording(tmp_path, name):
     sound = identify(read_experiment(SOUND / "experiment.yaml"), ["maximum-likelihood"]).estimate

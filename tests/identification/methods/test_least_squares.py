@@ -152,6 +152,7 @@ def test_ideal_sensors_of_another_simulator(recordings, recorded_truth):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_errors_are_of_the_size_that_is_stated():
     errors = np.array([z(METHOD.of(studied(seed))) for seed in SEEDS])
     # Pooled rms of eight draws of ten parameters: 1 where the 1-sigma are true, with a sampling
@@ -375,6 +376,7 @@ def test_a_tool_that_turns_about_one_axis_beside_its_poses(kuka):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_long_recording_window_by_window_is_nearly_as_good_as_at_once():
     recorder = moving([1] * 6, duration=36.0, harmonics=18)
     experiment = recorder(6)

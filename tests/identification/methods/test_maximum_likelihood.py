@@ -87,6 +87,7 @@ def test_it_is_better_than_the_two_steps(estimates):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_calibration_is_within_its_uncertainty():
     z = []
     for seed in SEEDS:
@@ -360,6 +361,7 @@ def test_a_mass_that_is_said_wrong_by_three_changes_nothing(estimates):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_kuka_baseline(examples):
     kuka = read_experiment(examples / "kuka-tool" / "experiment.yaml")
     accelerometer = changed(kuka.instruments["accelerometer"], calibration={"delay": 0.05})

@@ -78,6 +78,7 @@ def test_torque_that_no_cable_carries_is_told_in_units_of_the_attachments(name):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_attachments_that_may_be_off_leave_moments_where_they_are():
     """Of three cables: moments were 1.3 % smaller in the mean, as were distances of the attachments, where
     these were stated to 2 mm, than where they were stated to be exact, as they are."""

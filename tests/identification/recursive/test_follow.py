@@ -30,6 +30,7 @@ def followed(kuka):
     return last
 
 
+@pytest.mark.long
 def test_what_the_beginning_knows_is_not_taken_from_its_poses_alone(kuka):
     # Of readings that were fitted together, a part would have moved the calibration.
     found = begin(kuka)
@@ -41,6 +42,7 @@ def test_what_the_beginning_knows_is_not_taken_from_its_poses_alone(kuka):
     np.testing.assert_array_equal(found.recursion.state.parameters, begun.parameters)
 
 
+@pytest.mark.long
 def test_an_instrument_whose_calibration_a_run_tells_otherwise_has_not_jumped(followed):
     assert not followed.recursion.unsettled
     assert followed.unfollowed == 0.0
@@ -48,6 +50,7 @@ def test_an_instrument_whose_calibration_a_run_tells_otherwise_has_not_jumped(fo
     assert sum(n for (_, (name, _)), n in alone.items() if name == "arm") < 20
 
 
+@pytest.mark.long
 def test_it_ends_where_all_at_once_does(kuka, followed):
     whole = identify(kuka, ["maximum-likelihood"]).estimate
     found = drawn(Recursive().of, posterior_of(followed))
@@ -58,6 +61,7 @@ def test_it_ends_where_all_at_once_does(kuka, followed):
     assert np.abs(off / whole.standard_deviation[:4]).max() < 1.2
 
 
+@pytest.mark.long
 def test_disturbances_go_on_in_a_further_run():
     # What is stated of a disturbance makes it part of the motion from the first fit on.
     one = read_experiment(DATA / "points-00" / "experiment.yaml")

@@ -86,6 +86,7 @@ def test_a_walk_of_next_to_nothing_is_none():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_mass_that_is_known_in_the_beginning_is_forgotten():
     known = {"mass": (BODY.mass, 0.05)}
     experiment = replace(run_out(), mass_walk=WALK, known=known)
@@ -200,6 +201,7 @@ def test_nothing_tells_how_long_it_took_from_one_run_to_the_next():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_errors_are_as_large_as_is_stated():
     """Over twenty masses that walk at random: 95 % intervals of mass and chi-square of all ten."""
     off, chi = [], []

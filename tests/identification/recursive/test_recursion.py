@@ -262,6 +262,7 @@ def without(experiment, names, start, end):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.parametrize(
     ("lost", "start", "end"),
@@ -423,6 +424,7 @@ def test_another_run_is_as_noisy_as_it_is(points):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.parametrize("rest", [7.0, 20.0])
 def test_a_motion_may_begin_after_a_rest(rest):

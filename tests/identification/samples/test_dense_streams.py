@@ -118,6 +118,7 @@ def recorded_fast():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_fit_of_means_tells_what_a_fit_of_all_samples_tells():
     experiment = recorded_fast()
     method = MaximumLikelihood()

@@ -47,6 +47,7 @@ def recording(seed, **instruments):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.parametrize("name", sorted(SETS.keys() - {"tracker alone"}))
 def test_poses_are_found_in_any_frame(name):

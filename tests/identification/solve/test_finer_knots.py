@@ -24,6 +24,7 @@ def fitted(experiment, method):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_precise_forces_are_followed_on_finer_knots():
     experiment = RECORDER(3, instruments=PRECISE)
     before, wide = fitted(experiment, ON_ITS_KNOTS)

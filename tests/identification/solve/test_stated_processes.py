@@ -40,6 +40,7 @@ STATED = {
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("which", STATED)
 def test_intervals_are_true(which):
     total = 0.0

@@ -126,6 +126,7 @@ def test_windows_that_tell_nothing_are_left_out_with_a_note(recorded, lost, fitt
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("fitted", [fit_jointly, fit_with_held_motion])
 def test_processes_tell_what_one_tells(recorded, fitted):
     """One of the windows tells nothing."""
@@ -146,6 +147,7 @@ def test_processes_tell_what_one_tells(recorded, fitted):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_identify_gives_its_processes_to_the_windows(recorded, monkeypatch):
     asked = []
 

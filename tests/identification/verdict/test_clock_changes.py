@@ -36,6 +36,7 @@ def set_later(experiment, name, size):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_changes_of_delays_in_sound_recordings_are_standard_normal():
     z = np.array([[test.z for test in delay_changes(studied(seed))] for seed in SEEDS])
     # Neighbouring bounds go together, and so do the clocks: some ten independent numbers a recording.
@@ -72,6 +73,7 @@ def test_a_clock_that_was_set_a_little_is_found_with_its_size(size):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_an_estimate_across_it_is_rejected_and_two_runs_are_accepted():
     late = set_later(sound(3), "tracker", 0.05)
     verdict = identify(late, ["maximum-likelihood"]).estimate.verdict

@@ -138,6 +138,7 @@ def rough(tmp_path, monkeypatch):
 
 @pytest.mark.mujoco
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_part_that_bends_is_named(rough):
     # A fifth of the mass on springs of 7 Hz: it was accepted, with a centre of gravity 9 sigma off.
     found = resonance(rough("desk", "platform-bends"))
@@ -163,6 +164,7 @@ def test_what_bends_near_its_own_frequency_is_named(rough, number, frequency):
 
 @pytest.mark.mujoco
 @pytest.mark.slow
+@pytest.mark.long
 def test_what_seems_to_touch_it_again_and_again_is_no_touch(rough):
     # A load that swings by a right angle: its largest pulls had been left out as contacts.
     posterior = rough("cogiro", "load-swings")
@@ -171,6 +173,7 @@ def test_what_seems_to_touch_it_again_and_again_is_no_touch(rough):
 
 @pytest.mark.mujoco
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_load_that_swings_far_is_named(rough):
     # As an oscillator it took 31 off the cost, as a string at any angle 780; it was accepted, 15 times
     # its covariance off.

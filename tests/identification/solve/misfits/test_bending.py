@@ -76,6 +76,7 @@ def rough(tmp_path, monkeypatch):
     return made
 
 
+@pytest.mark.long
 @pytest.mark.mujoco
 @pytest.mark.parametrize(("robot", "number"), [("twelve", 62), ("desk", 61)])
 def test_a_part_that_bends_is_told_beside_the_body(robot, number, rough):

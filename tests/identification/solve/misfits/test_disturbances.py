@@ -126,12 +126,14 @@ def test_many_numbers_of_one_kind_are_said_in_one_sentence():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_intervals_over_a_held_motion_stay_true():
     assert are_covered(LeastSquares()(walking(sound(seed), seed)) for seed in SEEDS)
 
 
 @pytest.mark.parametrize("disturbed", [pushed, walking])
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_disturbance_is_found_and_intervals_stay_true(disturbed):
     source = ("robot", "unmodelled force") if disturbed is pushed else ("imu", "orientation")
     estimates = []
@@ -165,5 +167,6 @@ def test_coloured_noise_of_tensions_is_neither_a_wrench_nor_what_else_imitates_i
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_intervals_beside_coloured_noise_of_tensions_stay_true():
     assert are_covered(MaximumLikelihood()(in_colour(sound(seed), seed)) for seed in SEEDS)

@@ -78,6 +78,7 @@ def test_stamps_of_a_logger_that_writes_in_order_scatter_anew_after_the_lag():
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_stamps_of_the_forces_widen_their_noise_where_they_change():
     cables = changed(PAPER["cables"], rate=100.0, noise=0.5, calibration={"jitter": JITTER})
     posterior = fit_jointly(RECORDER(1, instruments={**PAPER, "cables": cables}))

@@ -36,6 +36,7 @@ def behind(experiment):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.integration
 def test_late_forces_are_late(sound):
     """Where the readings hardly tell late from filtered, both may be there, and the body has the
@@ -47,6 +48,7 @@ def test_late_forces_are_late(sound):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.parametrize("constant", [0.02, 0.05])
 def test_filtered_forces_are_filtered(sound, constant):
@@ -69,6 +71,7 @@ def test_filtered_forces_are_filtered(sound, constant):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.integration
 def test_over_a_held_motion_late_forces_are_no_filter_whose_estimate_misleads():
     """Where their delay is stated, a filter alone was taken: chi-squares of 2.4 per parameter in the mean of

@@ -44,6 +44,7 @@ def test_a_single_moment_is_no_hundredth_of_the_time(rng):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.mujoco
 def test_cables_that_pull_little_are_not_said_to_hang_slack():
     from mujoco_swings import swings
@@ -68,6 +69,7 @@ def test_where_forces_are_read_these_tell_it(rng):
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.mujoco
 def test_a_platform_whose_cables_go_slack_is_told_with_a_true_sigma():
     from laboratory_swings import Laboratory, record
