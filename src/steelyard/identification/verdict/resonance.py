@@ -22,7 +22,7 @@ from steelyard.dynamics import AT_A_POINT, FLEXIBILITY
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.estimates.quantiles import chi2_tail
 from steelyard.identification.known_body import known_body
-from steelyard.identification.model.calibration_parameters import BENDING, BENDING_KEYS
+from steelyard.identification.model.calibration_parameters import BENDING, BENDING_KEYS, ROBOT
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.directed_tests import length_of
 from steelyard.identification.verdict.force_stretch import (
@@ -184,7 +184,7 @@ def _bends_otherwise(
     asked = [AskedStretch.of(each, kind, whole) for each in stretches]
     estimated = found.calibration.of_robot(*BENDING)
     bent = Bent.of(asked, estimated)
-    if not estimated.any() and bent.chance > _BENDS:
+    if not estimated.any() and (bent.chance > _BENDS or not _is_felt(found, bent.further)):
         return None
     frequencies = _frequencies(kind, lowest, duration)
     tests = [bent.tested(float(each)) for each in frequencies]
@@ -204,6 +204,20 @@ def _bends_otherwise(
         moved = _moved_body(found, stretches, pulls)
         resonance = Resonance(kind.name, None, None, length_of(found)(moved))
     return resonance if resonance.shift > settings.matters else None
+
+
+def _is_felt(found: Posterior, further: Array) -> bool:
+    """Whether anything bends by more than that of a stiff platform: exact sensors show by how
+    little a motion of splines is not the true one.
+
+    Args:
+        found: What the estimate stands on.
+        further: Elements of the matrix, shape (21,).
+    """
+    entries = {each.full_key: each for each in found.calibration.calibration_parameters.entries}
+    sizes = [np.full(count, entries[ROBOT, key, None].negligible) for key, count in BENDING]
+    diagonal = [place for place, (i, j) in enumerate(FLEXIBILITY) if i == j]
+    return bool(np.any(further[diagonal] > np.concatenate(sizes)[diagonal]))
 
 
 def _frequencies(kind: Kind, lowest: float, duration: float) -> Array:
