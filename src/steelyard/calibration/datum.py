@@ -95,9 +95,8 @@ def check_datum(experiment: Experiment) -> None:
             ):
                 raise InputError(
                     f"datum: expected no instrument of kind '{instrument.kind}' in poses at rest,"
-                    " whose"
-                    f" place in the world is stated, found '{name}'; leave out 'datum', or the"
-                    " instrument"
+                    f" whose place in the world is stated, found '{name}'; leave out 'datum', or"
+                    " the instrument"
                 )
     if experiment.datum.pose is not None:
         _stated_pose(experiment, experiment.run(experiment.datum.pose))

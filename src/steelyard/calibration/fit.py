@@ -103,10 +103,9 @@ def fit_geometry(
     if not experiment.runs:
         raise InputError(
             f"{experiment.source or experiment.name}: expected runs of poses at rest ('static:"
-            f" true') or in motion that tell where the cables are fixed, found none"
-            f"{''.join(f'; {note}' for note in notes)}; record the platform at rest in some ten"
-            " poses"
-            " or more, or in motion"
+            " true') or in motion that tell where the cables are fixed, found"
+            f" none{''.join(f'; {note}' for note in notes)}; record the platform at rest in some"
+            " ten poses or more, or in motion"
         )
     moving = any(not run.static for run in experiment.runs)
     rested = _rested(experiment, tell, settings, with_forces=not moving)

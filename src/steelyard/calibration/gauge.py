@@ -38,8 +38,7 @@ class Gauge:
             return f"the {self.frame} is tied by the readings"
         return (
             f"nothing ties the {self.frame} ({', '.join(self.untied)}): it is that in which the"
-            " points"
-            " are nearest to those of the robot file, and 1-sigma are about it"
+            " points are nearest to those of the robot file, and 1-sigma are about it"
         )
 
 

@@ -303,7 +303,6 @@ def _not_fitted(experiment: Experiment, error: Exception) -> InputError:
     said = str(error) if isinstance(error, NoBalanceError) else ""
     return InputError(
         f"{experiment.source or experiment.name}: expected recordings that tell motion and"
-        " geometry,"
-        f" found that they do not fit at all{f' ({said})' if said else ''}; check units, signs and"
-        " the order of the cables"
+        f" geometry, found that they do not fit at all{f' ({said})' if said else ''}; check units,"
+        " signs and the order of the cables"
     )

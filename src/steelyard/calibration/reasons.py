@@ -112,8 +112,7 @@ def _of_the_datum(found: GeometryFit) -> Iterator[str]:
     if datum is not None and any((w.run, w.row) == (datum.pose, 1) for w in found.wrong):
         yield (
             f"the first pose of run '{datum.pose}', which defines the world, contradicts all"
-            " others;"
-            " correct it, or name other poses or anchors under 'datum'"
+            " others; correct it, or name other poses or anchors under 'datum'"
         )
 
 

@@ -40,13 +40,11 @@ def in_millimetres(experiment: Experiment) -> str:
         if _THOUSAND[0] < read / hall < _THOUSAND[1]:
             return (
                 f"cables read {read:.4g} m where anchors lie {hall:.4g} m about their middle:"
-                " lengths"
-                " seem to be in millimetres; state their unit ('units: {l1: mm, …}')"
+                f" lengths seem to be in millimetres; state their unit ('units: {{l1: mm, …}}')"
             )
     if platform > _THOUSAND[0] / 10 * hall:
         return (
             f"attachments lie {platform:.4g} m about their middle, anchors {hall:.4g} m:"
-            " attachments"
-            " seem to be in millimetres; write metres"
+            " attachments seem to be in millimetres; write metres"
         )
     return ""

@@ -55,8 +55,7 @@ class DatabaseTable:
             # The text itself may have a password.
             raise InputError(
                 "--table: expected postgresql://USER@HOST:PORT/DATABASE, with #TABLE behind it"
-                " where"
-                f" it is not '{DEFAULT_TABLE}', found something else; correct the URL"
+                f" where it is not '{DEFAULT_TABLE}', found something else; correct the URL"
             )
         if find_spec("adbc_driver_postgresql") is None:
             raise InputError(

@@ -151,10 +151,9 @@ def _changes(
         Statement(f"{len(series.names)} estimates by {series.method} in the order {order}{left}."),
         Statement(
             "CUSUM: each recording is compared with the mean of all before it since the last"
-            " change."
-            f" Decision intervals in sigmas: {h}. All charts of all parameters together give one"
-            f" false alarm in {CHARTS.recordings_per_alarm:,.0f} recordings on average, where the"
-            " stated sigmas are true and the recordings independent."
+            f" change. Decision intervals in sigmas: {h}. All charts of all parameters together"
+            f" give one false alarm in {CHARTS.recordings_per_alarm:,.0f} recordings on average,"
+            " where the stated sigmas are true and the recordings independent."
         ),
     ]
     yield Statements(tuple(statements))
@@ -210,8 +209,7 @@ def _scatter(series: Series, charts: Sequence[ParameterChart]) -> Iterator[Block
         statements.append(
             Statement(
                 "Recordings differ less than stated where all of them share an error that is part"
-                " of"
-                " the stated 1-sigma, such as a gain of the force sensors; the charts then see"
+                " of the stated 1-sigma, such as a gain of the force sensors; the charts then see"
                 " changes later than they could, and false alarms are fewer.",
                 "note",
             )

@@ -201,8 +201,7 @@ def _check_names(items: Sequence[Item], before: pl.DataFrame) -> None:
         if path != item.path and Path(path).exists():
             raise InputError(
                 f"{item.path}: expected a name that is not in the table yet, found '{item.name}'"
-                " for"
-                f" {path}; name a folder above both, or choose another with --out"
+                f" for {path}; name a folder above both, or choose another with --out"
             )
 
 

@@ -38,8 +38,7 @@ def check_there(path: Path) -> None:
             raise InputError(f"{path}: expected an experiment file, found a folder; name {inside}")
         raise InputError(
             f"{path}: expected an experiment file, found a folder; draft one from the logs in it"
-            " with"
-            f" 'steelyard init {path} --robot ROBOT --out {inside}'"
+            f" with 'steelyard init {path} --robot ROBOT --out {inside}'"
         )
     if path.suffix.lower() not in (".yaml", ".yml", ".json", ""):
         from steelyard.logs.formats import ending_of

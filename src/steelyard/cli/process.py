@@ -22,8 +22,7 @@ _LEAST_MEMORY = 1900 << 20
 nothing here can catch."""
 _NO_MEMORY = (
     "memory: expected enough for these recordings, found that it is used up; allow more (ulimit"
-    " -v),"
-    " or take shorter recordings"
+    " -v), or take shorter recordings"
 )
 _KEPT_END = 20
 """Characters of a longer one that are shown of its end."""

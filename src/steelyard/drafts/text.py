@@ -183,9 +183,7 @@ def _calibration(keys: Mapping[str, Any], m: int) -> str:
     extra = "; they go beside what stands above" if more else ""
     return (
         f"{'more of calibration' if more else 'calibration'}: {flow(nested)}    # 1-sigma"
-        f" {', '.join([*units, '[s]'])}; the"
-        " defaults"
-        f" (delay: 0 for the clock of the forces){extra}"
+        f" {', '.join([*units, '[s]'])}; the defaults (delay: 0 for the clock of the forces){extra}"
     )
 
 

@@ -99,9 +99,8 @@ def _check_datum(form: ExperimentForm, robot: Robot, document: YamlDocument) -> 
     if len(numbers) < 3 or _are_on_a_line(points):
         raise document.error(
             key,
-            "expected at least three anchors that are on no line, since others leave a rotation of"
-            " the"
-            f" world open, found {', '.join(map(str, numbers)) or 'none'}; name others",
+            "expected at least three anchors that are on no line, since others leave a rotation"
+            f" of the world open, found {', '.join(map(str, numbers)) or 'none'}; name others",
         )
 
 
@@ -342,8 +341,7 @@ def check_run(
         raise document.error(
             key,
             f"run '{run.name}': expected a stream that measures the motion (imu, attitude,"
-            " position,"
-            " pose, length), found none; add one",
+            " position, pose, length), found none; add one",
         )
     if run.window and run.window[0] >= run.window[1]:
         raise document.error(

@@ -41,9 +41,7 @@ def write(exported: Exported) -> str:
         "#ifndef STEELYARD_PLATFORM_H\n#define STEELYARD_PLATFORM_H\n",
         (
             f"#define PLATFORM_ACCEPTED {int(bool(estimate.verdict.accepted))} /* whether the"
-            " verdict"
-            " on"
-            " the estimate was that it can be relied on */"
+            " verdict on the estimate was that it can be relied on */"
         ),
         f"#define PLATFORM_PHYSICAL {int(body.is_physical)} /* whether such a body can exist */\n",
         f"#define PLATFORM_MASS ({number(body.mass)}) /* [kg] */\n",

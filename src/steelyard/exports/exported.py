@@ -44,8 +44,7 @@ class Exported:
         if not _LINK.fullmatch(self.link):
             raise InputError(
                 "--link: expected a name of letters, digits, '_', '-' and '/', found"
-                f" '{self.link}';"
-                " choose another"
+                f" '{self.link}'; choose another"
             )
 
     @property

@@ -120,8 +120,7 @@ def hang(robot: Robot, body: Inertia, pose: ArrayLike | None = None) -> Hanging:
     if not robot.m:
         raise InputError(
             f"--robot: expected a robot with cables, found none on '{robot.name}'; export the"
-            " platform"
-            " alone, without a robot"
+            " platform alone, without a robot"
         )
     if not body.is_physical:
         raise InputError(

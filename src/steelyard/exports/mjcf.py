@@ -127,15 +127,12 @@ def _robot_remarks(hanging: Hanging) -> Iterator[str]:
     yield (
         "Sensors length_i, rate_i and added_i: what a force sensor in cable i reads is stiffness"
         " max(length - springlength, 0) + damping rate + added; MuJoCo has no sensor of the pull"
-        " of"
-        " a"
-        " spring itself."
+        " of a spring itself."
     )
     if robot.m < LEAST_CABLES:
         yield (
             f"{robot.m} cables do not fix a pose: the platform swings about the one in which it"
-            " comes"
-            " to rest."
+            " comes to rest."
         )
     tensions = ", ".join(f"{value:.5g}" for value in hanging.tension)
     lengths = ", ".join(f"{value:.6g}" for value in hanging.length)

@@ -116,8 +116,7 @@ def _of_others(
         if other.cost < best.cost + limit and apart > limit:
             yield (
                 "another body has these natural frequencies nearly as well, with modes that were"
-                " not"
-                " seen in other places; add rows, or all frequencies of a row"
+                " not seen in other places; add rows, or all frequencies of a row"
             )
             return
 

@@ -151,8 +151,7 @@ def _bodies(body: Element, place: _Pose) -> Iterator[tuple[str, Inertia]]:
     elif body.all("geom"):
         raise body.error(
             "expected 'inertial' in a body with shapes, found none: what MuJoCo takes from shapes"
-            " is"
-            " not in the file; write it there ('inertiafromgeom', save the compiled model)"
+            " is not in the file; write it there ('inertiafromgeom', save the compiled model)"
         )
     for inner in body.all("body"):
         if any(inner.all(tag) for tag in ("joint", "freejoint")):

@@ -43,8 +43,7 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
     if len(sources) > 1 or not isinstance(sources[0], TextFile):
         raise InputError(
             f"{sources[-1].path}: expected one file of a {NAME}, found {len(sources)}; import one"
-            " at"
-            " a time"
+            " at a time"
         )
     source = sources[0]
     anchors = _reprap(source)
@@ -61,9 +60,8 @@ def describe(sources: Sequence[Source], cable_set: str | None) -> Description:
         notes=(
             f"anchors of {firmware}, taken as millimetres",
             "all cables are assumed to meet in the origin of the platform, as this firmware"
-            " reckons:"
-            " attachments [0, 0, 0]; measure where they are fixed, else nothing is told about"
-            " rotation",
+            " reckons: attachments [0, 0, 0]; measure where they are fixed, else nothing is told"
+            " about rotation",
             "spools, gears and line buildup are left out",
         ),
     )

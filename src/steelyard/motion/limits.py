@@ -213,11 +213,8 @@ def nearest_tensions(
         which = int(np.argmax(off))
         raise InfeasibleError(
             f"at {times[first]:.2f} s of the trajectory: expected tensions within {low:g} to"
-            f" {high:g}"
-            " N"
-            f" that carry the platform, found {tensions[first, which]:.4g} N of cable {which + 1};"
-            " move"
-            " nearer to the middle, more slowly, or tilt less",
+            f" {high:g} N that carry the platform, found {tensions[first, which]:.4g} N of cable"
+            f" {which + 1}; move nearer to the middle, more slowly, or tilt less",
             first,
         )
     return tensions

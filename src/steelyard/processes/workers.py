@@ -49,8 +49,7 @@ def result_of(future: Future[Any]) -> Any:
     except BrokenProcessPool:
         raise InputError(
             "--jobs: expected processes that work to the end, found that one was killed (out of"
-            " memory,"
-            " perhaps); choose a smaller number"
+            " memory, perhaps); choose a smaller number"
         ) from None
 
 

@@ -77,8 +77,7 @@ def write_pdf(page: Path, pdf: Path, browser: str, *, patience: float = _PATIENC
         except subprocess.TimeoutExpired:
             raise InputError(
                 f"--pdf: expected {Path(browser).name} to print within {patience:g} s, found that"
-                " it"
-                " did not; open the HTML page in a browser and print it"
+                " it did not; open the HTML page in a browser and print it"
             ) from None
         except OSError as error:
             raise InputError(
@@ -89,6 +88,5 @@ def write_pdf(page: Path, pdf: Path, browser: str, *, patience: float = _PATIENC
         pdf.unlink(missing_ok=True)
         raise InputError(
             f"--pdf: expected a PDF file from {Path(browser).name}, found none; open the HTML page"
-            " in"
-            " a browser and print it"
+            " in a browser and print it"
         )

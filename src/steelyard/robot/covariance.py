@@ -89,7 +89,6 @@ def read_covariance(path: Path, m: int) -> Array:
     if values[0] < -_ROUNDED * max(float(values[-1]), 0.0) - 1e-18:
         raise InputError(
             f"{path}: expected a covariance, found a matrix with the eigenvalue {values[0]:.2g};"
-            " let"
-            " 'steelyard calibrate' write the table again"
+            " let 'steelyard calibrate' write the table again"
         )
     return np.asarray(symmetric)

@@ -232,8 +232,7 @@ def too_far(points: ArrayLike) -> str:
         return ""
     return (
         f"expected coordinates of at most {_FARTHEST:g} m, found {farthest:.7g}; subtract the same"
-        " place"
-        " from all anchors and from all that instruments read in that frame"
+        " place from all anchors and from all that instruments read in that frame"
     )
 
 

@@ -200,9 +200,7 @@ def read_sensors(which: str, robot: Robot) -> Sensors:
     if not which.endswith((".yaml", ".yml")):
         raise InputError(
             "--sensors: expected 'paper', 'ideal', 'calibration', 'swings' or the path of a YAML"
-            " file, found"
-            f" '{which}';"
-            " correct it"
+            f" file, found '{which}'; correct it"
         )
     document = read_yaml(Path(which))
     require_printable(document)
@@ -228,8 +226,7 @@ def sensors_of(document: YamlDocument, robot: Robot) -> Sensors:
             raise document.error(
                 ("instruments", name, "kind"),
                 f"expected an instrument that records over time, found '{instrument.kind}', whose"
-                " rows"
-                " have none; leave it out and write its table by hand",
+                " rows have none; leave it out and write its table by hand",
             )
         if instrument.rate is None:
             raise document.error(

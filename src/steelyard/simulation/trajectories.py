@@ -274,8 +274,7 @@ def from_file(path: Path, robot: Robot) -> Sampled:
     if not whole.all():
         raise InputError(
             f"{path}:{first[int(np.argmin(whole))] + 2}: expected a pose in every row, found an"
-            " empty"
-            " cell; fill it"
+            " empty cell; fill it"
         )
     rpy = Rotation.from_matrix(orientation).as_euler("ZYX")[:, ::-1]
     poses = np.hstack([position, np.unwrap(rpy, axis=0)])

@@ -157,8 +157,7 @@ def _power(each: MethodSummary, found: Study) -> Iterator[Grid | Statements]:
         (
             Statement(
                 "Intervals are those of Wilson for the probability of a rejection. Accepted, and"
-                " wrong:"
-                " the errors contradict the stated covariance (probability below"
+                " wrong: the errors contradict the stated covariance (probability below"
                 f" {WRONG:g}); a mistake that is accepted without that does no harm."
             ),
         )
@@ -178,16 +177,14 @@ def _sentences(each: MethodSummary, found: Study) -> Iterator[Statement]:
             low, high = (fixed(100 * end, 1) for end in judged.interval)
             said += (
                 f"; rejected ones are false alarms, for nothing is wrong here: {low} to {high} %"
-                " with"
-                f" a probability of {BINOMIAL:.0%}"
+                f" with a probability of {BINOMIAL:.0%}"
             )
     yield Statement(said)
     if not found.bootstrap and each.joint_count:
         limit = 10 + 3 * np.sqrt(20 / each.joint_count)
         yield Statement(
             f"{each.method}: squared error of all ten over their covariance {figures(each.joint)}"
-            " on"
-            f" average of {each.joint_count}; 10 where the covariance is true",
+            f" on average of {each.joint_count}; 10 where the covariance is true",
             "bad" if each.joint > limit else "",
         )
     if found.bootstrap:

@@ -126,8 +126,7 @@ def study(
     if wanted_mistakes and bootstrap:
         raise InputError(
             "--mistakes: expected draws, found a bootstrap, of which no truth is known; give"
-            " --draws instead of"
-            " --bootstrap"
+            " --draws instead of --bootstrap"
         )
     engine = engine or engine_of(jobs, client)
     place = Path(what).resolve() if Path(what).is_file() else what
@@ -196,8 +195,7 @@ def _possible(setup: Setup, mistakes: Sequence[str]) -> tuple[str, ...]:
     if mistakes and not found:
         raise InputError(
             f"--mistake: expected one that these instruments can have ({', '.join(possible)}),"
-            " found"
-            f" '{mistakes[0]}'; choose one of these"
+            f" found '{mistakes[0]}'; choose one of these"
         )
     return found
 

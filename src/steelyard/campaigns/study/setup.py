@@ -159,8 +159,7 @@ def _check(experiment: Experiment, path: str) -> None:
         if wrong:
             raise InputError(
                 f"{path}: expected an experiment that can be simulated, found one with {what};"
-                " study"
-                " its robot with --sensors instead"
+                " study its robot with --sensors instead"
             )
     for name, instrument in experiment.instruments.items():
         if instrument.commanded:

@@ -39,8 +39,7 @@ def propose_swings(
         print()
         say(
             f"{RESULT} and {ROBOT}, with the cables that stay, are in {shown.out}/. Record each"
-            " swing"
-            " as a run with 'winches: locked', then:"
+            " swing as a run with 'winches: locked', then:"
         )
         print("  steelyard identify EXPERIMENT --out DIR")
 

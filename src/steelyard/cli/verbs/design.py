@@ -49,8 +49,7 @@ REPORT = "design"
     is_flag=True,
     help=(
         "Free swings without force sensors, in place of a motion: on which cables to hang the"
-        " platform,"
-        " where, and how to push it: swings.json, swings.html, swings.md and robot.yaml."
+        " platform, where, and how to push it: swings.json, swings.html, swings.md and robot.yaml."
     ),
 )
 @click.option(

@@ -42,10 +42,8 @@ NOT_ACCEPTED = 3
     metavar="NAME",
     help=(
         "two-step, least-squares, instrumental-variables, consistent, recursive,"
-        " maximum-likelihood,"
-        " or"
-        " all;"
-        " may be repeated. Default: maximum-likelihood, with two-step beside it."
+        " maximum-likelihood, or all; may be repeated. Default: maximum-likelihood, with two-step"
+        " beside it."
     ),
 )
 @click.option(

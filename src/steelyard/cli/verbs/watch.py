@@ -181,8 +181,7 @@ def _aims(wanted: Sequence[str]) -> tuple[tuple[str, float], ...]:
         if name not in BODY_PARAMETERS or not 0 < sigma < float("inf"):
             raise click.UsageError(
                 f"--wanted: expected one of {', '.join(BODY_PARAMETERS)} with a 1-sigma above 0,"
-                " such"
-                f" as mass=0.2, found '{each}'; correct it"
+                f" such as mass=0.2, found '{each}'; correct it"
             )
         found.append((name, sigma))
     return tuple(found)

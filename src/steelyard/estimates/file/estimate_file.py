@@ -63,8 +63,7 @@ class EstimateFile:
             found = ", ".join(loads) or "an estimate of one body"
             raise InputError(
                 f"{self.path}: expected a load '{load}' under {method}, found {found}; choose one"
-                " of"
-                " its loads, or leave '#' out"
+                " of its loads, or leave '#' out"
             )
         return loads[load]
 

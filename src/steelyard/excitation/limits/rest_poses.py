@@ -124,10 +124,9 @@ def default_start_pose(constraints: MotionConstraints, settings: DesignSettings 
             f"robot '{robot.name}': expected that {robot.m} cables can hold the platform in the"
             f" middle of its limits, {listed_numbers(poses[0, :3])} m, even if it differs by"
             f" {constraints.margin.share:.0%}, found that they can in {int(np.sum(distance > 0))}"
-            " of"
-            f" {len(poses)} places; check that all cables are listed, or give a pose with --start,"
-            f" such as {' '.join(f'{value:.3g}' for value in best[:3])} 0 0 0, or a smaller"
-            " --margin"
+            f" of {len(poses)} places; check that all cables are listed, or give a pose with"
+            f" --start, such as {' '.join(f'{value:.3g}' for value in best[:3])} 0 0 0, or a"
+            " smaller --margin"
         )
     if distance[0] >= settings.central_share * distance.max():
         return np.asarray(poses[0])
@@ -167,9 +166,8 @@ def _outside(
     low, high = np.array(limits)
     return InputError(
         f"--{which}: expected {what} within {listed_numbers(low)} to {listed_numbers(high)}"
-        f" {unit},"
-        " found"
-        f" {listed_numbers(found)}; choose a pose within 'limits' of robot '{robot.name}'"
+        f" {unit}, found {listed_numbers(found)}; choose a pose within 'limits' of robot"
+        f" '{robot.name}'"
     )
 
 

@@ -127,10 +127,9 @@ def design_poses(
     if len(every) < poses:
         raise InputError(
             f"robot '{robot.name}': expected {poses} poses within its limits that the cables can"
-            " hold"
-            f" if the body differs by {margin:.0%}, found {len(every)} of"
-            f" {settings.candidate_poses}"
-            " that were tried; choose fewer --poses or a smaller --margin"
+            f" hold if the body differs by {margin:.0%}, found {len(every)} of"
+            f" {settings.candidate_poses} that were tried; choose fewer --poses or a smaller"
+            " --margin"
         )
     tell("calibration: what each of them tells", 0.2)
     choice = pose_choice(predicted_fit(experiment, every, level, settings))
@@ -201,8 +200,7 @@ def _described(subject: Experiment | Robot | str | Path, sensors: Sensors | str)
     if not any(each.is_cable_motion for each in instruments):
         raise InputError(
             f"{source}: expected an instrument of kind length, which tells where the cables are"
-            " fixed,"
-            " found none; give --sensors a file that has one, or add it to the experiment"
+            " fixed, found none; give --sensors a file that has one, or add it to the experiment"
         )
     if not any(each.is_force for each in instruments):
         # Where no force is read, `calibrate` cannot know how far cables sag and stretch.

@@ -243,8 +243,7 @@ def _base(
         if is_unread(recorded) or recorded.frequencies:
             raise InputError(
                 f"{source}: expected runs that read forces, and no natural frequencies, found"
-                " others;"
-                " references calibrate force sensors"
+                " others; references calibrate force sensors"
             )
         check_noise(recorded)
         try:
@@ -292,8 +291,7 @@ def _body_of(base: Posterior) -> Inertia:
     if robot.platform is None:
         raise InputError(
             f"robot '{robot.name}': expected a recording that tells mass and centre of gravity, or"
-            " a"
-            " nominal platform, found neither; add 'platform' to its file"
+            " a nominal platform, found neither; add 'platform' to its file"
         )
     return designed_body(robot)
 

@@ -195,8 +195,7 @@ def _described(subject: Experiment | Robot | str | Path, sensors: Sensors | str)
     if not experiment.robot.m:
         raise InputError(
             f"robot '{experiment.robot.name}': expected cables on which the platform can hang,"
-            " found"
-            " none"
+            " found none"
         )
     instruments = {
         name: each
@@ -230,8 +229,7 @@ def _cables(robot: Robot, cables: Sequence[int] | None) -> NDArray[np.intp] | No
     if not own or own[0] < 1 or own[-1] > robot.m or len(own) >= DIRECTIONS:
         raise InputError(
             f"--cables: expected numbers of one to five of the {robot.m} cables, counted from 1,"
-            " found"
-            f" {', '.join(map(str, cables)) or 'none'}; correct them"
+            f" found {', '.join(map(str, cables)) or 'none'}; correct them"
         )
     return np.array(own) - 1
 

@@ -18,10 +18,8 @@ def left_out_in_words(run: str, fault: Fault) -> str:
     if fault.kind == "set":
         return (
             f"run '{run}': the clock of {name} was set from {fault.start:.3f} to {fault.end:.3f} s"
-            " while"
-            f" its readings went on: the {count} times since then are taken as if it had not been;"
-            " see"
-            " that nothing sets the clock while you record"
+            f" while its readings went on: the {count} times since then are taken as if it had not"
+            " been; see that nothing sets the clock while you record"
         )
     if fault.kind == "doubled":
         return (
@@ -43,8 +41,8 @@ def left_out_in_words(run: str, fault: Fault) -> str:
     if fault.kind == "dead":
         return (
             f"run '{run}': {fault.channel.replace('_', ' ')} of {name} reads the same in all"
-            f" {count}"
-            " samples while its other channels read noise: left out; repair the sensor or its cable"
+            f" {count} samples while its other channels read noise: left out; repair the sensor or"
+            " its cable"
         )
     channel = f" of {fault.channel}" if fault.channel else ""
     return (

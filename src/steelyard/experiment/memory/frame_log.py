@@ -53,10 +53,9 @@ def frame_log(place: str, frame: Frame, instruments: Iterable[Instrument], m: in
         first = next(iter(lengths))
         other = next(name for name in lengths if lengths[name] != lengths[first])
         raise InputError(
-            f"{place}: expected columns of one length, found {lengths[first]} rows of '{first}' and"
-            f" {lengths[other]} of '{other}'; hand over what was recorded at other times as a"
-            " stream"
-            " of its own"
+            f"{place}: expected columns of one length, found {lengths[first]} rows of '{first}'"
+            f" and {lengths[other]} of '{other}'; hand over what was recorded at other times as a"
+            " stream of its own"
         )
 
     def load(names: Sequence[str], part: RowRange | None, rows: int | None) -> Mapping[str, Array]:
@@ -99,8 +98,7 @@ def _columns(place: str, frame: Frame) -> dict[str, Any]:
         return {str(name): frame[name] for name in frame.columns}
     raise InputError(
         f"{place}: expected {_KINDS}, found {type(frame).__name__}; name its columns as those of"
-        " the"
-        " kind of the instrument"
+        " the kind of the instrument"
     )
 
 
@@ -111,8 +109,7 @@ def _of_polars(place: str, column: Any, as_array: Any) -> Array:
     if column.dtype == pl.String or column.dtype == pl.Object:
         raise InputError(
             f"{place}: column '{column.name}': expected numbers, found {column.dtype}; convert it,"
-            " or"
-            " leave it out"
+            " or leave it out"
         )
     return np.asarray(as_array(column))
 

@@ -116,8 +116,7 @@ def _instruments(given: Any, clocks: Mapping[str, str]) -> dict[str, Instrument]
         if name not in found:
             raise InputError(
                 f"{_PLACE}: 'clocks': expected one of {', '.join(found)}, found '{name}'; choose"
-                " one"
-                " of these"
+                " one of these"
             )
     return {
         name: each.model_copy(update={"clock": str(clocks[name])}) if name in clocks else each

@@ -18,13 +18,11 @@ from steelyard.robot.model import Robot
 _MISTAKEN = {
     1e-3: (
         "masses seem to be in grams, or readings in kilonewtons; state it under 'units' ({mass: g}"
-        " or"
-        " {f: kN})"
+        " or {f: kN})"
     ),
     1e3: (
         "masses seem to be in tonnes, or readings in millinewtons; state it under 'units' ({mass:"
-        " t}"
-        " or {f: mN})"
+        " t} or {f: mN})"
     ),
 }
 """Readings over what they should be -> what seems to be wrong."""

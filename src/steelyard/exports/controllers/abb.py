@@ -10,8 +10,7 @@ TITLE = "ABB loaddata"
 CONVENTION = (
     (
         "loaddata: mass [kg]; cog [mm] in the platform frame P, which stands for tool0; aom: axes"
-        " of"
-        " moment, quaternion (w, x, y, z) that turns P into the principal axes; ix, iy, iz:"
+        " of moment, quaternion (w, x, y, z) that turns P into the principal axes; ix, iy, iz:"
         " principal moments about the centre of gravity [kg m^2]."
     ),
     (

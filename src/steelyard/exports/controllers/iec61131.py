@@ -16,10 +16,9 @@ from steelyard.inertia import LINEAR_PARAMETERS, TEN
 TITLE = "structured text"
 CONVENTION = (
     (
-        "PLATFORM.Mass [kg], CenterOfGravity in the platform frame P [m], Inertia: matrix about the"
-        " centre of gravity in the axes of P [kg m^2], products are its elements, minus the"
-        " integral"
-        " of x y dm; Accepted: whether the verdict was that the estimate can be relied on."
+        "PLATFORM.Mass [kg], CenterOfGravity in the platform frame P [m], Inertia: matrix about"
+        " the centre of gravity in the axes of P [kg m^2], products are its elements, minus the"
+        " integral of x y dm; Accepted: whether the verdict was that the estimate can be relied on."
     ),
     (
         "LinearParameters are those in which the dynamics is linear, about the origin of P:"
@@ -28,12 +27,9 @@ CONVENTION = (
     ),
     (
         "FB_PlatformWrench: wrench that moves the body, about the origin of P, in P [N], [N m],"
-        " from"
-        " SpecificForce = R^T (acceleration of the origin - gravity) [m/s^2], Omega, angular"
-        " velocity"
-        " [rad/s], and Alpha, its derivative [rad/s^2], all in P. At rest and level SpecificForce"
-        " is"
-        " (0, 0, 9.81)."
+        " from SpecificForce = R^T (acceleration of the origin - gravity) [m/s^2], Omega, angular"
+        " velocity [rad/s], and Alpha, its derivative [rad/s^2], all in P. At rest and level"
+        " SpecificForce is (0, 0, 9.81)."
     ),
     "IEC 61131-3, third edition: LREAL is double precision.",
 )

@@ -9,11 +9,9 @@ UR_TITLE = "URScript"
 UR_CONVENTION = (
     (
         "set_target_payload(m, cog, inertia): mass [kg], centre of gravity [m] in the platform"
-        " frame"
-        " P, which stands for the tool flange, and Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of"
-        " gravity in the axes of P [kg m^2]; products are elements of the matrix, minus the"
-        " integral"
-        " of x y dm."
+        " frame P, which stands for the tool flange, and Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the"
+        " centre of gravity in the axes of P [kg m^2]; products are elements of the matrix, minus"
+        " the integral of x y dm."
     ),
     "To be run in a program, or sent to the script port. PolyScope 5.10 and newer.",
 )
@@ -30,12 +28,10 @@ ROS_TITLE = "geometry_msgs/InertiaStamped"
 ROS_CONVENTION = (
     (
         "geometry_msgs/msg/InertiaStamped: m [kg], com [m] in the frame of frame_id, ixx to izz"
-        " about"
-        " the centre of gravity in the axes of that frame [kg m^2]."
+        " about the centre of gravity in the axes of that frame [kg m^2]."
     ),
     "Products are elements of the matrix, minus the integral of x y dm. The frame is the platform"
-    " frame"
-    " P.",
+    " frame P.",
 )
 
 

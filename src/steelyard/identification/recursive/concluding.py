@@ -102,6 +102,5 @@ def _of_walk(walk: float) -> Iterator[str]:
     if walk:
         yield (
             f"the mass walks at random by {walk:g} kg/sqrt(s), as stated: it is that at the end;"
-            " what"
-            " comes and goes is taken to be at the centre of gravity"
+            " what comes and goes is taken to be at the centre of gravity"
         )

@@ -320,9 +320,7 @@ def _gone_on(found: Following, run: Run) -> Following:
     if not ended.is_followed:
         raise NoBalanceError(
             f"run '{run.name}': the motion was lost at {since:.1f} s, where what was read does not"
-            " go"
-            " on"
-            " from before; use maximum-likelihood, which takes a recording as a whole"
+            " go on from before; use maximum-likelihood, which takes a recording as a whole"
         ) from lost
     return ended.remarked(f"run '{run.name}': nothing is told from {since:.1f} s on, where {why}")
 

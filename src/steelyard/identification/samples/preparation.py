@@ -329,9 +329,8 @@ def samples_of(
                 raise InputError(
                     f"{stream.source}: expected readings of {name} that change, found the same"
                     f" {fault.channel.replace('_', ' ')} in all {fault.count} samples while its"
-                    " other"
-                    " channels read noise; repair the sensor, or take the instrument out of the"
-                    " experiment"
+                    " other channels read noise; repair the sensor, or take the instrument out of"
+                    " the experiment"
                 )
         raise InputError(
             f"{stream.source}: expected at least 2 complete samples of"

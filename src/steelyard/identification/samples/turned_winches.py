@@ -50,7 +50,6 @@ def turned_winches(experiment: Experiment, samples: Samples) -> Iterator[str]:
             f"run '{run.name}': {'cables' if len(turned) > 1 else 'cable'} {', '.join(turned)}"
             f" {'change their lengths' if len(turned) > 1 else 'changes its length'} by up to"
             f" {1e3 * change.max():.0f} mm, though the winches are said to be locked; leave the"
-            " part"
-            " in which they turned out with 'window', or remove 'winches: locked' and add the"
+            " part in which they turned out with 'window', or remove 'winches: locked' and add the"
             " forces"
         )

@@ -87,8 +87,7 @@ def _of_motion(
         yield (
             f"with {name} the estimate does not settle: it contradicts the other instruments, and"
             " this estimate is without it; check its axes, signs, units and 'sync', or leave it"
-            " out"
-            f" yourself ('--without {name}')"
+            f" out yourself ('--without {name}')"
         )
     if not posterior.motion_converged:
         yield (
@@ -99,8 +98,7 @@ def _of_motion(
         worst = posterior.by_contradiction[:1]
         yield (
             f"the estimate did not settle in {posterior.fit.turns} steps: the description is far"
-            " from"
-            " what the data show; check axes, signs, units and 'sync'"
+            " from what the data show; check axes, signs, units and 'sync'"
             + (
                 f", first of all of {worst[0]}, which departs from the motion by"
                 f" {posterior.departure(worst[0]):.1f} times its noise, or leave it out"
@@ -124,9 +122,8 @@ def _of_motion(
             if ratio**2 > settings.twice:
                 yield (
                     f"cables change their lengths by {ratio:.1f} times 'length_noise' though"
-                    " winches"
-                    " are locked; leave the part in which winches turn or ropes slip out with"
-                    " 'window', or state a larger 'uncertainty: {length_noise: …}', or none"
+                    " winches are locked; leave the part in which winches turn or ropes slip out"
+                    f" with 'window', or state a larger 'uncertainty: {{length_noise: …}}', or none"
                 )
         elif stated and ratio**2 > settings.twice and (name, quantity) not in shaken:
             yield (
@@ -193,8 +190,7 @@ def _more_equations(posterior: Posterior, settings: VerdictSettings) -> str:
     if left_out and np.concatenate(left_out).mean() > settings.mostly_left_out:
         return (
             "the notes say what is left out of the swings; push less, or hang the platform where"
-            " all"
-            " its cables pull"
+            " all its cables pull"
         )
     return "record longer"
 
@@ -219,12 +215,10 @@ def _of_forces(
     hums = any((each.name, q) in shaken for each in posterior.force_samples for q in each.places)
     if posterior.stated and solution.ratio > settings.twice and large and not hums:
         yield (
-            f"forces and motion do not balance: the residual is {np.sqrt(solution.ratio):.1f} times"
-            " what the stated noise explains; check the order and the unit of the force sensors,"
-            " the geometry of the robot, whether anything touched the platform, and 'noise' (where"
-            " it"
-            " is"
-            " left out, it is estimated)"
+            f"forces and motion do not balance: the residual is {np.sqrt(solution.ratio):.1f}"
+            " times what the stated noise explains; check the order and the unit of the force"
+            " sensors, the geometry of the robot, whether anything touched the platform, and"
+            " 'noise' (where it is left out, it is estimated)"
         )
     elif (
         posterior.stated
@@ -247,8 +241,7 @@ def _of_forces(
         if outliers > settings.most_outliers:
             yield (
                 f"run '{run}': {outliers:.0%} of the samples stand out ({_when(posterior, run)});"
-                " check"
-                " whether anything touched the platform"
+                " check whether anything touched the platform"
             )
 
 
@@ -329,9 +322,7 @@ def _of_runs(posterior: Posterior, settings: VerdictSettings) -> Iterator[str]:
     if chi2_tail(chi / posterior.noise_factor, freedom) < settings.family / 10:
         yield (
             f"the runs contradict each other (chi-square {chi:.0f} on {freedom:.0f}); check"
-            " whether"
-            " the"
-            " load or a sensor changed between them"
+            " whether the load or a sensor changed between them"
         )
 
 

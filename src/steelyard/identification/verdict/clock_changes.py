@@ -66,12 +66,9 @@ class ClockChange:
         own = f"give {names} a 'clock' of its own, and " if self.within_clock else ""
         return (
             f"run '{self.run}': time stamps of {names} seem to shift against those of other"
-            " instruments"
-            " by"
-            f" some {round(1e3 * abs(self.size), 1):g} ms, at about {self.time:.1f} s (z ="
-            f" {abs(self.z):.1f}), as if a clock was set while it ran; {own}give the parts before"
-            " and"
-            " after as two runs, each with its 'window'"
+            f" instruments by some {round(1e3 * abs(self.size), 1):g} ms, at about {self.time:.1f}"
+            f" s (z = {abs(self.z):.1f}), as if a clock was set while it ran; {own}give the parts"
+            " before and after as two runs, each with its 'window'"
         )
 
 

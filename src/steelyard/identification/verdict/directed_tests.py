@@ -307,8 +307,7 @@ def _proposal(owner: str, key: str) -> str:
             ),
             "swivel": (
                 "swings decay by more friction than is plausible; look for what rubs at this"
-                " cable's"
-                " anchor"
+                " cable's anchor"
             ),
             "bending": (
                 "a part of the platform seems to bend; stiffen it, move more slowly, or state"

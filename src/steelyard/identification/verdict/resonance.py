@@ -63,7 +63,7 @@ _LINES, _HUMS = 2.0, 17
 tried."""
 _BENDS = 1e-6
 """Probability by chance of what looks like residual flexibility and is not in the estimate, from
-which on it is asked at which frequency: of 26 given recordings without any the least was .01."""
+which on it is asked at which frequency: the least of 25 given recordings is .01."""
 _CHANCE = 1e-10
 """Probability of it by chance, over all frequencies: errors of the description come first."""
 
@@ -94,24 +94,18 @@ class Resonance:
         if self.mass is not None:
             return (
                 f"something of about {self.mass:.2g} kg seems to swing at {self.frequency:.2g} Hz"
-                " below"
-                f" the platform ({moves}), which is no part of a rigid body; fix it, or take it"
-                " off"
-                " and"
-                " add it afterwards"
+                f" below the platform ({moves}), which is no part of a rigid body; fix it, or take"
+                " it off and add it afterwards"
             )
         if self.frequency is None:
             return (
                 "parts of the platform seem to bend in a way that flexibility above the motion"
-                " does"
-                " not"
-                f" explain ({moves}); stiffen them, or move more slowly"
+                f" does not explain ({moves}); stiffen them, or move more slowly"
             )
         return (
             f"a part of the platform seems to move at {self.frequency:.2g} Hz against the rest"
             f" ({moves}), which is no part of a rigid body; stiffen it or fix it, or move more"
-            " slowly"
-            " than it does"
+            " slowly than it does"
         )
 
 

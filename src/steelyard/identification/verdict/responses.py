@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -267,8 +268,8 @@ class Bent:
     """Wrench by the elements of the matrix, shape (n, 6, 21) each."""
     columns: Sequence[Array]
     """The same as the residual is, shape (6 n - 6, 21) each."""
-    bases: Sequence[Array]
-    """Orthonormal columns of these beside the body."""
+    free: Sequence[Array]
+    """What the body leaves of them, of the same shape."""
     estimated: Array
     """Elements of the matrix that the estimate has, shape (21,)."""
     further: Array
@@ -285,8 +286,12 @@ class Bent:
         normal, right = normal_equations(asked, free)
         further = solution(normal, right)
         chance = float(chi2_tail(float(right @ further), len(right)))
-        bases = [orthonormal(own) for own in free]
-        return cls(asked, at_once, columns, bases, estimated, further, chance)
+        return cls(asked, at_once, columns, free, estimated, further, chance)
+
+    @cached_property
+    def _bases(self) -> list[Array]:
+        """Orthonormal columns of what the body leaves: only few recordings are asked further."""
+        return [orthonormal(own) for own in self.free]
 
     def more(self, frequency: float) -> list[Array]:
         """What it answers more on springs of a frequency [Hz], in every stretch, shape (6 n - 6,
@@ -303,7 +308,7 @@ class Bent:
         merely goes on vibrating there tells nothing.
         """
         found = []
-        for each, base, rows in zip(self.asked, self.bases, self.more(frequency), strict=True):
+        for each, base, rows in zip(self.asked, self._bases, self.more(frequency), strict=True):
             free = each.by_itself(frequency, each.damping)
             for own in (each.stretch.base, base):
                 free, rows = beside(own, free), beside(own, rows)

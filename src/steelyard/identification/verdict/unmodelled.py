@@ -43,9 +43,8 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
                 for i in _against_motion(segment, process, settings):
                     yield (
                         f"run '{segment.run}': {columns[i]} of {owner} reads against the motion"
-                        " that"
-                        f" all others show; correct its sign (scale: {{{columns[i]}: -1}}), or the"
-                        " order of its columns"
+                        f" that all others show; correct its sign (scale: {{{columns[i]}: -1}}),"
+                        " or the order of its columns"
                     )
                 largest = settings.largest_disturbance.get(unit, np.inf)
                 if instrument.is_force:
@@ -54,10 +53,9 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
                 if rms.max() > largest:
                     yield (
                         f"run '{segment.run}': {name.replace('_', ' ')} of {owner} departs for a"
-                        f" while from what all others show, by {rms.max():.2g} {unit} rms,"
-                        " which is more than devices drift; check its axes, signs, units and"
-                        " 'sync',"
-                        " or state it under 'noise'"
+                        f" while from what all others show, by {rms.max():.2g} {unit} rms, which"
+                        " is more than devices drift; check its axes, signs, units and 'sync', or"
+                        " state it under 'noise'"
                     )
                 continue
             arm, unit = (1.0, "N") if part.start == 0 else (robot.size, "N m")
@@ -65,9 +63,8 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
                 yield (
                     f"run '{segment.run}': an {name} that nothing explains is as large as"
                     f" {rms.max():.2g} {unit} rms, a large part of the weight; check the geometry"
-                    " of"
-                    " the robot, the order and the signs of its forces, and what touches the"
-                    " platform, or state it under 'uncertainty: {unmodelled: …}'"
+                    " of the robot, the order and the signs of its forces, and what touches the"
+                    f" platform, or state it under 'uncertainty: {{unmodelled: …}}'"
                 )
             pulls = float(np.linalg.norm(root_mean_square(_beside_its_line(along))))
             if part.start == 0:
@@ -100,9 +97,8 @@ def _of_what_moves(
         if rms.max() > settings.largest_pull * weight * arm:
             yield (
                 f"run '{segment.run}': what moves in the load would pull with {rms.max():.2g}"
-                f" {unit}"
-                " rms, a large part of the weight; check the geometry of the robot, the order and"
-                " the signs of its forces"
+                f" {unit} rms, a large part of the weight; check the geometry of the robot, the"
+                " order and the signs of its forces"
             )
 
 
@@ -177,10 +173,9 @@ def of_contacts(posterior: Posterior, settings: VerdictSettings) -> Iterator[str
         if usual > settings.contacts_stand_out * at_contacts:
             yield (
                 f"run '{segment.run}': something seems to touch the platform {len(times)} times"
-                " with"
-                f" {at_contacts:.2g} N, and {usual:.2g} N rms go on between: that is one thing"
-                " rather"
-                " than many, such as a load that swings, a hose or a guide; fix it or take it off"
+                f" with {at_contacts:.2g} N, and {usual:.2g} N rms go on between: that is one"
+                " thing rather than many, such as a load that swings, a hose or a guide; fix it or"
+                " take it off"
             )
 
 

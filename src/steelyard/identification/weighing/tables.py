@@ -65,9 +65,7 @@ class WeighedTable:
             more = f", and so are {len(self.moved) - 1} more" if len(self.moved) > 1 else ""
             yield (
                 f"dead weights say that {self.moved[0]}{more}; check the weights and units, or"
-                " state"
-                " a"
-                f" larger 1-sigma under 'calibration' of {of}"
+                f" state a larger 1-sigma under 'calibration' of {of}"
             )
 
     def __str__(self) -> str:

@@ -43,8 +43,8 @@ def _lead(found: GeometryCalibration) -> Statement:
     if all(each.all() for each in found.exact.values()):
         return Statement(
             "Anchors and attachments are stated as exact, so that nothing of them was looked for;"
-            " say"
-            " how well they are known, such as 'uncertainty: {anchor: 0.005, attachment: 0.002}'.",
+            " say how well they are known, such as 'uncertainty: {anchor: 0.005, attachment:"
+            " 0.002}'.",
             "note",
         )
     sigma = np.concatenate(
@@ -76,8 +76,7 @@ def _result(found: GeometryCalibration) -> list[Block]:
         statements.append(
             Statement(
                 f"Not told by these recordings: {', '.join(found.unobservable)}. Poses farther"
-                " apart,"
-                " higher and lower, and turned would tell them.",
+                " apart, higher and lower, and turned would tell them.",
                 "note",
             )
         )
@@ -153,8 +152,7 @@ def _residuals(found: GeometryCalibration) -> list[Block]:
         return [_sizes(found)]
     text = (
         "Each pose and each tenth of a motion about the geometry that all others tell (leave one"
-        " out):"
-        " what a length will be off in a new pose, beside the noise of its reading."
+        " out): what a length will be off in a new pose, beside the noise of its reading."
     )
     blocks.append(Statements((Statement(text),)))
     for one in found.found.left_out:

@@ -39,8 +39,7 @@ def _result(summary: Summary) -> Iterator[Block]:
         (
             Statement(
                 "Centre of gravity in the platform frame; inertia about the centre of gravity,"
-                " along"
-                " the axes of the platform; products are elements of the matrix."
+                " along the axes of the platform; products are elements of the matrix."
             ),
         )
     )

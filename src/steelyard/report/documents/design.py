@@ -160,9 +160,7 @@ def statements(evaluation: MotionEvaluation) -> Iterator[Statement]:
             text += (
                 "; they stay within the limits for a body up to"
                 f" {per_cent(evaluation.margin.share)} lighter or heavier with its centre of"
-                " gravity up"
-                " to"
-                f" {fixed(evaluation.margin.cog_offset * 1e3, 0)} mm off"
+                f" gravity up to {fixed(evaluation.margin.cog_offset * 1e3, 0)} mm off"
             )
         yield Statement(text)
 

@@ -57,9 +57,8 @@ def _lead(design: SwingDesign) -> Statement:
         return Statement(f"{text} do not tell the whole of the inertia per mass.", "note")
     return Statement(
         f"{text} tell the centre of gravity to"
-        f" {deviation(_MM * found.standard_deviation[:3].max())}"
-        " mm"
-        f" and the moments per mass to {deviation(100 * _share(found))} % (1-sigma, the largest).",
+        f" {deviation(_MM * found.standard_deviation[:3].max())} mm and the moments per mass to"
+        f" {deviation(100 * _share(found))} % (1-sigma, the largest).",
         "good",
     )
 
@@ -90,8 +89,7 @@ def _where(design: SwingDesign) -> Grid:
     head = ("swing", "x [m]", "y [m]", "z [m]", "roll [°]", "pitch [°]", "yaw [°]", "lengths [m]")
     caption = (
         f"Where the platform hangs at rest on {_cables(design.cables)}, and the unstrained lengths"
-        " that"
-        " lock it there"
+        " that lock it there"
     )
     return Grid(caption, head, rows, frozenset(range(1, 7)))
 
@@ -170,27 +168,19 @@ def _statements(design: SwingDesign) -> Iterator[Statement]:
     if design.assumed:
         yield Statement(
             "Sensors were not named: motion capture of .3 mm and .5 mrad at 100 Hz is assumed, its"
-            " frame"
-            " and its place on the platform known to some millimetres; give --sensors FILE for"
-            " your"
-            " own.",
+            " frame and its place on the platform known to some millimetres; give --sensors FILE"
+            " for your own.",
             "note",
         )
     yield Statement(
         "Lock the winches, push by hand, step back, then record. The centre of gravity is as"
-        " uncertain"
-        " as"
-        " the attachments that it is measured from; mass and inertia follow once the platform is"
-        " weighed."
+        " uncertain as the attachments that it is measured from; mass and inertia follow once the"
+        " platform is weighed."
     )
     yield Statement(
         f"Chosen out of {design.candidates} swings in which all cables stay taut, so that the"
-        " volume of"
-        " the"
-        " uncertainty of centre of gravity and inertia per mass is least. Smaller swings tell"
-        " less,"
-        " in"
-        " proportion; damping shortens them."
+        " volume of the uncertainty of centre of gravity and inertia per mass is least. Smaller"
+        " swings tell less, in proportion; damping shortens them."
     )
 
 

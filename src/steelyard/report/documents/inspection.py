@@ -232,8 +232,7 @@ def _unidentifiable(found: Inspection) -> Iterator[Statement]:
     if labels and loads and not loads[0].rigid:
         yield Statement(
             f"not identifiable from this motion: {', '.join(labels)}; something moves in the load,"
-            " so"
-            " that its motion tells its mass alone"
+            " so that its motion tells its mass alone"
         )
     elif labels:
         yield Statement(
@@ -247,10 +246,8 @@ def contact_words(contact: Contact) -> str:
     return (
         f"run '{contact.run}': something else than the body pulled or pushed from"
         f" {fixed(contact.start, 2)} to {fixed(contact.end, 2)} s, up to"
-        f" {figures(contact.force, 2)} N"
-        " and"
-        f" {figures(contact.torque, 2)} N m; most in {', '.join(contact.channels)} of"
-        f" {contact.instrument}"
+        f" {figures(contact.force, 2)} N and {figures(contact.torque, 2)} N m; most in"
+        f" {', '.join(contact.channels)} of {contact.instrument}"
     )
 
 

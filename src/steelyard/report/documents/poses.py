@@ -152,32 +152,26 @@ def _statements(design: PoseDesign) -> Iterator[Statement]:
     if design.assumed:
         yield Statement(
             "Sensors were not named: a tracker of .5 mm whose target is known to a decimetre and"
-            " cable"
-            " lengths of .5 mm with unknown zeros are assumed; give --sensors FILE for your own.",
+            " cable lengths of .5 mm with unknown zeros are assumed; give --sensors FILE for your"
+            " own.",
             "note",
         )
     if design.grid is None:
         yield Statement(
             "There is no regular grid to compare with: the cables cannot hold so many of its"
-            " poses,"
-            " or"
-            " they leave the geometry undetermined."
+            " poses, or they leave the geometry undetermined."
         )
     if not any(each.is_force for each in design.experiment.instruments.values()):
         yield Statement(
             "No instrument reads forces: that cables sag and stretch is left out of the"
-            " prediction,"
-            " and"
-            " will be in the lengths.",
+            " prediction, and will be in the lengths.",
             "note",
         )
     yield Statement(
         f"Chosen out of {design.candidates} poses that the cables can hold, so that the volume of"
-        " the"
-        " uncertainty of anchors and attachments is least. 1-sigma are those of the noise of one"
-        " row"
-        " a"
-        " pose as it is stated; the mean of many readings in a pose has less, if it is stated so."
+        " the uncertainty of anchors and attachments is least. 1-sigma are those of the noise of"
+        " one row a pose as it is stated; the mean of many readings in a pose has less, if it is"
+        " stated so."
     )
 
 

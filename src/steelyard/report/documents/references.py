@@ -46,8 +46,7 @@ def _lead(design: ReferenceDesign) -> Statement:
     after = best.standard_deviation[most] * factor
     return Statement(
         f"Most helps: {best.addition}; the 1-sigma of {name} falls from {deviation(before)} to"
-        f" {deviation(after)}"
-        f" {unit}.",
+        f" {deviation(after)} {unit}.",
         "good",
     )
 

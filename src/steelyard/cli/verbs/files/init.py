@@ -37,9 +37,8 @@ def init(
 
         raise InputError(
             f"--robot: expected one of {', '.join(bundled_names())}, or a robot file, found none;"
-            " name"
-            " it ('steelyard new' writes a robot file to fill in, 'steelyard import' makes one from"
-            " other programs' files)"
+            " name it ('steelyard new' writes a robot file to fill in, 'steelyard import' makes"
+            " one from other programs' files)"
         )
     from steelyard.drafts.first_file import init as written
     from steelyard.report.documents.draft import draft_document

@@ -122,8 +122,7 @@ def _on_disturbances(disturbed: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         if each.get("moves_within"):
             yield (
                 f"run '{each['run']}': what moves in the load pulls beside what follows the"
-                " platform:"
-                f" {size:.2g} {unit} rms, {when}"
+                f" platform: {size:.2g} {unit} rms, {when}"
             )
             continue
         what = (
@@ -165,9 +164,8 @@ def _on_errors(errors: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
                 behind = errors[latency]["value"] + errors[filtered]["value"]
                 yield (
                     f"{owner} is {1e3 * behind:.2g} ms behind: these readings do not tell whether"
-                    " it"
-                    " is late or filtered, and the uncertainty has both; state 'time_constant' or"
-                    " 'delay' where it is known"
+                    " it is late or filtered, and the uncertainty has both; state 'time_constant'"
+                    " or 'delay' where it is known"
                 )
             continue
         if key == LATENCY:

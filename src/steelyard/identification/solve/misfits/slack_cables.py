@@ -35,11 +35,9 @@ class SlackCables:
         found = [f"cable {i + 1} for {_part(self.shares[i])}" for i in np.flatnonzero(self.shares)]
         return (
             f"run '{self.run}': cables pull next to nothing or hang slack ({', '.join(found)} of"
-            " the"
-            " time); these moments and what is just before and after them,"
+            " the time); these moments and what is just before and after them,"
             f" {_part(self.left_out)} of the run, do not count: push less, or hang the platform"
-            " where"
-            " all its cables pull"
+            " where all its cables pull"
         )
 
     def to_dict(self) -> dict[str, Any]:

@@ -46,8 +46,7 @@ def budget(summary: Summary) -> Section | None:
     )
     text = (
         "What the 1-sigma of each parameter comes from, as shares of its variance. The largest"
-        " share"
-        " is where better knowledge helps: a calibrated sensor, a measured anchor, a longer"
+        " share is where better knowledge helps: a calibrated sensor, a measured anchor, a longer"
         " recording."
     )
     return Section(

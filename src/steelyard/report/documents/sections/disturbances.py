@@ -42,8 +42,8 @@ def disturbances(summary: Summary) -> Section | None:
     if any(_is_wrench(each) for each in found):
         text = (
             "A wrench acts on the platform that neither the body nor anything else of the model"
-            " explains. It is estimated beside the body, and what it can imitate is uncertain by as"
-            " much. Look at when it is large: a hose, a cable that rubs, a guide, a load that"
+            " explains. It is estimated beside the body, and what it can imitate is uncertain by"
+            " as much. Look at when it is large: a hose, a cable that rubs, a guide, a load that"
             " moves."
         )
         blocks.append(Statements((Statement(text, "note"),)))
@@ -109,8 +109,7 @@ def _figure(each: DisturbanceTrack) -> Figure:
     text = (
         f"{quantity} of {who} in run {each.run} over time,"
         f" {'by cable' if per_cable else f'in the axes of {axes_of}'}; largest"
-        f" {figures(np.abs(values).max(), 3)} {unit.name} at {fixed(each.time[instant], 1)}"
-        " s."
+        f" {figures(np.abs(values).max(), 3)} {unit.name} at {fixed(each.time[instant], 1)} s."
     )
     return Figure(
         slug("disturbance", each.run, each.owner, each.quantity, each.cause),

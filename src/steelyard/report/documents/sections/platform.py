@@ -198,9 +198,7 @@ def _numbers(best: EstimatedBody) -> Iterator[Block]:
         if sigma is not None:
             text = (
                 f"The mass is known to {figures(100 * sigma / body.mass, 2)} %. The box is"
-                " homogeneous,"
-                " a"
-                " picture of the inertia, not of the platform."
+                " homogeneous, a picture of the inertia, not of the platform."
             )
             yield Statements((Statement(text),))
     elif all(value is not None for value in best.value):

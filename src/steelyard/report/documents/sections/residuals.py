@@ -89,11 +89,8 @@ def _expected(traces: Sequence[Trace]) -> Iterator[Statement]:
         yield Statement(
             "Predicted tensions are those nearest to the measured ones that balance the platform."
             f" {m} cables enter {_EQUATIONS} equations: where all assumptions hold, the residuals"
-            " of"
-            f" tensions have {fixed(np.sqrt(_EQUATIONS / m), 2)} of the size of their noise, those"
-            " of"
-            " the"
-            " other instruments its full size."
+            f" of tensions have {fixed(np.sqrt(_EQUATIONS / m), 2)} of the size of their noise,"
+            " those of the other instruments its full size."
         )
 
 
@@ -103,9 +100,7 @@ def _remarks(summary: Summary, traces: Sequence[Trace]) -> Iterator[Statement]:
     for run, start, end in evidence.contacts:
         yield Statement(
             f"Run '{run}': something touched the platform from {fixed(start, 2)} to"
-            f" {fixed(end, 2)} s;"
-            " its"
-            " forces are left out there.",
+            f" {fixed(end, 2)} s; its forces are left out there.",
             "note",
         )
     for each in traces:
@@ -279,8 +274,7 @@ def _spectra(traces: Sequence[Trace]) -> Iterator[Figure]:
     for run, data in by_run.items():
         text = (
             f"Spectra of the residuals in run {run}. White noise of the assumed size is flat at 1;"
-            " a"
-            " peak is a motion or a vibration that the model does not follow. Cables enter six"
+            " a peak is a motion or a vibration that the model does not follow. Cables enter six"
             " equations together, so that theirs are below 1."
         )
         yield Figure(
