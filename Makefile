@@ -5,6 +5,9 @@ BIN := $(VENV)/bin
 
 .PHONY: demo check unit test test-slow fuzz sbom bench validation benchmark benchmark-data docs pictures tutorial clean
 
+# Images set this; compiled modules are kept all the same, or every process would compile all that it imports anew (4 s).
+unexport PYTHONDONTWRITEBYTECODE
+
 # One thread each: many small matrices, and as many processes as cores.
 PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile
 MARKED := integration or mujoco or browser

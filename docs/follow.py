@@ -21,6 +21,7 @@ ROOT = Path(__file__).parents[1]
 NOT_OURS = (
     "PYTHONPATH",
     "PYTHONHOME",
+    "PYTHONDONTWRITEBYTECODE",
     "VIRTUAL_ENV",
     "OPENBLAS_NUM_THREADS",
     "MAKEFLAGS",

@@ -15,7 +15,13 @@ from steelyard.identification.identify import identify
 from steelyard.identification.model.accumulation import accumulate
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import integrals_of
-from steelyard.identification.model.segment import POSE, WIDTH, NormalEquations, Rows
+from steelyard.identification.model.segment import (
+    POSE,
+    WIDTH,
+    NormalEquations,
+    Rows,
+    values_at,
+)
 from steelyard.identification.recursive.concluding import posterior_of
 from steelyard.identification.recursive.events import advanced, followed_on
 from steelyard.identification.recursive.follow import begin, follow
@@ -33,6 +39,7 @@ from steelyard.identification.recursive.window.past import (
 )
 from steelyard.identification.recursive.window.window import Window
 from steelyard.identification.solve.border.segment_equations import segment_equations
+from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.smoothing import DEGREE
 
 
@@ -322,6 +329,20 @@ def test_what_is_known_grows_with_time(points):
     sigmas = np.array([np.sqrt(np.diag(each.covariance)) for each in instants])
     assert np.all(np.diff(sigmas, axis=0)[8:] < 0.05 * sigmas[8:-1])
     assert np.all(sigmas[-1] < 0.9 * sigmas[len(sigmas) // 3])
+
+
+@pytest.mark.slow
+@pytest.mark.integration
+def test_the_motion_of_then_follows_what_has_been_learnt_since(points):
+    # Body and offsets are known well in the end only; the motion had stayed 1 mm off, and what was
+    # left of the forces went with it.
+    recording = centred(points)
+    *_, found = follow(recording)
+    whole = fit_jointly(recording).fit.state.segments[0]
+    there = posterior_of(found).fit.state.segments[0]
+    times = np.linspace(there.span[0] + 0.5, min(there.span[1], whole.span[1]) - 0.5, 500)
+    one, other = (values_at(each.basis(times), each.coefficients)[:, :3] for each in (there, whole))
+    assert np.sqrt(np.mean((one - other) ** 2)) < 5e-5
 
 
 @pytest.mark.slow

@@ -194,6 +194,10 @@ class MotionSettings:
     where it rings, its roughness sits in narrow bands, far above the mean, and a prior that is too
     stiff there takes from the acceleration what the forces measure. It widens what passes by
     30^(1/6), less than twofold."""
+    looser_jointly: float = 1e5
+    """The same where forces, motion and body are fitted at once: what a prior takes of the motion
+    stays in what is left of the forces and goes with the motion, as parts that bend do; between
+    knots that the readings have chosen nothing is gained by it."""
     smoothness_settled: float = 0.3
     """Largest logarithm of the ratio of two intensities at which they have settled: the frequency
     that passes follows it with a sixth of that, 5 %."""

@@ -28,7 +28,11 @@ def posterior_of(found: Following, *, courses: bool = True) -> Posterior:
     """
     fitted, recursion = found.begun, found.recursion
     here = recursion.state.calibration.values
-    parts = [counted_from(part, -here) for part in motions_of(found.parts)]
+    passed = found.parts
+    if not recursion.task.experiment.mass_walk:
+        # What has been learnt since moves the motion of then, too.
+        passed = tuple(part.moved_to(recursion.point) for part in passed)
+    parts = [counted_from(part, -here) for part in motions_of(passed)]
     if recursion.task.experiment.mass_walk and parts:
         parts[-1] = _about_the_end(found, parts)
     tally, spent = counted_up(parts)

@@ -65,6 +65,7 @@ def begin(
         NoBalanceError: Forces and motion cannot be fitted.
     """
     check_walk(experiment)
+    settings = settings.with_looser_motion(own.looser)
     # How cables stretch is told by tensions of a motion that is there as a whole.
     experiment = without_constant_lengths(experiment)
     run = next(each for each in experiment.runs if not each.static)

@@ -153,6 +153,7 @@ def with_columns(part: SegmentEquations) -> SegmentEquations:
         ),
         by_source={source: np.pad(matrix, _BOTH) for source, matrix in part.by_source.items()},
         followed=np.pad(part.followed, ((0, 0), _MORE)),
+        border=None if part.border is None else np.pad(part.border, _MORE),
     )
 
 

@@ -115,6 +115,7 @@ def passed(recursion: Recursion) -> tuple[Recursion, SegmentEquations]:
         followed,
         tally,
         {label: banded_trace(each, inverse) for label, each in own.parts.items()},
+        point,
     )
     forgets, grid = recursion.settings.forgets, window.grid
     kept = Point(window.motion[grid.intervals : grid.functions], point)

@@ -21,6 +21,9 @@ class RecursiveSettings:
     """Length of what is taken at once [s]; one spacing of the knots at least."""
     lag: float = 2.0
     """Length of the motion that is still fitted [s]."""
+    looser: float = 60.0
+    """See :attr:`.MotionSettings.looser_jointly`; where a motion goes on, by which jumps are seen,
+    is told by nothing but its smoothness."""
     forgets: float = 10.0
     """Time over which it forgets how lively a motion was [s]."""
     foresights: int = 1

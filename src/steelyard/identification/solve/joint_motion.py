@@ -64,6 +64,7 @@ def fit_jointly(
         InputError: A run lacks what the method needs.
         NoBalanceError: Forces and motion cannot be fitted.
     """
+    settings = settings.with_looser_motion(settings.motion.looser_jointly)
 
     def tell(what: str, fraction: float) -> None:
         if progress is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from steelyard.identification.model.settings import MOTION, MotionSettings
 
@@ -273,6 +273,10 @@ class FitSettings:
     jobs: int = 1
     """Processes that work at a time on the windows of one: they say the same whatever their
     number."""
+
+    def with_looser_motion(self, looser: float) -> FitSettings:
+        """The same with a motion that may do more, see :attr:`.MotionSettings.looser`."""
+        return replace(self, motion=replace(self.motion, looser=looser))
 
 
 FIT = FitSettings()

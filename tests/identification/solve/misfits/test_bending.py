@@ -69,8 +69,8 @@ def rough(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     recorded = importlib.import_module("rough.recording").recorded
 
-    def made(robot, number):
-        path, body = recorded(robot, "platform-bends", number, tmp_path / robot, 20.0)
+    def made(robot, number, kind="platform-bends", motion="multisine"):
+        path, body = recorded(robot, kind, number, tmp_path / f"{robot}-{kind}", 20.0, motion)
         return read_experiment(path), Inertia.from_body_parameters(body).body_parameters
 
     return made
@@ -96,3 +96,15 @@ def test_what_is_said_not_to_bend_is_rejected_where_it_does(rough):
     found = identify(stiff, ["maximum-likelihood"])
     assert not found.estimate.verdict.accepted
     assert any("state 'bending'" in each for each in found.estimate.verdict.reasons)
+
+
+@pytest.mark.mujoco
+@pytest.mark.parametrize("number", [71, 74])
+def test_moves_from_rest_to_rest_are_not_taken_for_parts_that_bend(number, rough):
+    # One smoothness for starts, stops and rests had left of the forces what goes with the motion.
+    recording, truth = rough("six", number, "sound", "moves")
+    found = identify(recording, ["maximum-likelihood"])
+    assert found.estimate.verdict.accepted, found.estimate.verdict.reasons
+    assert not found_errors(found.posterior)
+    assert chi_square(found.estimate, truth) < chi2.isf(1e-3, 10)
+    assert np.all(found.estimate.standard_deviation[4:7] < 0.4)

@@ -79,6 +79,18 @@ class SegmentEquations:
     """Of the residuals."""
     spent: Mapping[Label, float]
     """What rows are of -> degrees of freedom that the motion takes of them."""
+    border: Array | None = None
+    """The ten and all calibration parameters by which the motion is as it is, shape (k,); None:
+    those of the fit."""
+
+    def moved_to(self, border: Array) -> SegmentEquations:
+        """With the motion as it follows from other values of the border, shape (k,)."""
+        if self.border is None:
+            return self
+        step = self.followed @ (border - self.border)
+        coefficients = self.segment.coefficients - step.reshape(-1, self.segment.block)
+        segment = replace(self.segment, coefficients=coefficients)
+        return replace(self, segment=segment, border=border)
 
 
 def whitened_rows(
