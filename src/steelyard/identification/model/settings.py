@@ -194,7 +194,7 @@ class MotionSettings:
     where it rings, its roughness sits in narrow bands, far above the mean, and a prior that is too
     stiff there takes from the acceleration what the forces measure. It widens what passes by
     30^(1/6), less than twofold."""
-    looser_jointly: float = 1e5
+    looser_jointly: float = 1e3
     """The same where forces, motion and body are fitted at once: what a prior takes of the motion
     stays in what is left of the forces and goes with the motion, as parts that bend do; between
     knots that the readings have chosen nothing is gained by it."""
