@@ -263,6 +263,7 @@ class Resources(HTMLParser):
             self.found.append((tag, loads))
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_pages_load_nothing_from_elsewhere(built):
     pages = list(built.rglob("*.html"))
@@ -279,6 +280,7 @@ def test_pages_load_nothing_from_elsewhere(built):
         ), sheet.name
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_mathematics_is_mathml(built):
     text = (built / "theory.html").read_text(encoding="utf-8")
@@ -289,6 +291,7 @@ def test_mathematics_is_mathml(built):
     assert not re.search(r"<mfrac[^>]*>\s*<mn>12</mn>", text)
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_every_verb_and_kind_has_its_place(built):
     commands, files = (
@@ -311,6 +314,7 @@ def test_every_verb_and_kind_has_its_place(built):
     assert "generated:" not in commands + files
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 def test_search_works_without_a_server(built):
     assert (built / "searchindex.js").read_text(encoding="utf-8").startswith("Search.setIndex(")

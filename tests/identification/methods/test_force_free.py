@@ -46,6 +46,7 @@ def truth(value):
     return PerMass.of(value, np.zeros((10, 10))).value
 
 
+@pytest.mark.slow
 def test_regression_finds_the_body_where_the_motion_has_hardly_noise(recorded):
     found = ForceFree()(recorded.experiment)
     assert found.per_mass is not None
@@ -67,6 +68,7 @@ def test_regression_finds_the_body_where_the_motion_has_hardly_noise(recorded):
     assert np.shape(entry["standard_deviation"]["inertia_per_mass"]) == (3, 3)
 
 
+@pytest.mark.slow
 def test_a_mass_that_is_known_gives_the_inertia(recorded):
     known = {"mass": (recorded.body.mass, 0.009)}
     weighed = replace(recorded.experiment, known=known, mass_assumed=False)
@@ -79,6 +81,7 @@ def test_a_mass_that_is_known_gives_the_inertia(recorded):
     np.testing.assert_allclose(relative, 1.0, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_methods_that_need_forces_say_so(recorded):
     assert "force of every cable" in TwoStep().lack(recorded.experiment)
     assert ForceFree().lack(recorded.experiment) == ""

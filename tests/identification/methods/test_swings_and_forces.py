@@ -65,6 +65,7 @@ def test_recursive_says_that_it_needs_forces_in_all_runs(whole):
     assert Recursive().lack(replace(whole, runs=whole.runs[:2])) == ""
 
 
+@pytest.mark.slow
 def test_each_kind_is_accepted_and_calibrated(kinds):
     for found in kinds:
         assert found.verdict.accepted, found.verdict.reasons
@@ -72,6 +73,7 @@ def test_each_kind_is_accepted_and_calibrated(kinds):
         assert off @ np.linalg.solve(found.covariance, off) < 10 * 2.0
 
 
+@pytest.mark.slow
 def test_both_kinds_agree(kinds):
     forces, swung, _ = kinds
     apart = forces.value - swung.value
@@ -79,6 +81,7 @@ def test_both_kinds_agree(kinds):
     assert apart @ np.linalg.solve(together, apart) < 10 * 2.0
 
 
+@pytest.mark.slow
 def test_together_they_tell_more_than_either(kinds):
     forces, swung, both = (np.sqrt(np.diag(found.covariance)) for found in kinds)
     assert np.all(both < 1.02 * np.minimum(forces, swung))
@@ -88,6 +91,7 @@ def test_together_they_tell_more_than_either(kinds):
     assert volumes[2] < min(volumes[:2]) - 0.5, volumes
 
 
+@pytest.mark.slow
 def test_forces_that_resolve_more_of_the_motion_count_as_stated(kinds):
     """Motion capture alone asks for knots on which forces scatter by 6 per cent more than they do, and
     runs that scatter enlarge every 1-sigma to twice what it is.
