@@ -17,6 +17,7 @@ from steelyard.errors import InputError
 from steelyard.excitation.settings import DEFAULT, DesignSettings
 from steelyard.experiment.model import Experiment, Load
 from steelyard.experiment.recording import Run, Stream
+from steelyard.identification.model.settings import MOTION
 from steelyard.identification.solve.beginning.begin import NoBalanceError
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.posterior import Posterior, Progress
@@ -31,8 +32,15 @@ from steelyard.simulation.response import ExactMotion
 
 _LEAST_TENSION = 1.0
 """At which the sag of a cable is evaluated [N]: a slack one would have none that is finite."""
-_AS_DESCRIBED = replace(FIT, suspicions=0, most_processes=0, jittering=float("inf"))
-"""A recording without noise shows nothing that is not described, but rounding that looks so."""
+_AS_DESCRIBED = replace(
+    FIT,
+    suspicions=0,
+    most_processes=0,
+    jittering=float("inf"),
+    motion=replace(MOTION, looser_jointly=MOTION.looser),
+)
+"""A recording without noise shows nothing that is not described, but rounding that looks so; nor is
+anything left over with which a firmer motion could go, and its matrices are better conditioned."""
 
 
 def tensions_near_level(

@@ -198,6 +198,8 @@ class MotionSettings:
     """The same where forces, motion and body are fitted at once: what a prior takes of the motion
     stays in what is left of the forces and goes with the motion, as parts that bend do; between
     knots that the readings have chosen nothing is gained by it."""
+    looser_swinging: float = 30.0
+    """The same of a platform that swings, whose motion its own equations hold."""
     smoothness_settled: float = 0.3
     """Largest logarithm of the ratio of two intensities at which they have settled: the frequency
     that passes follows it with a sixth of that, 5 %."""

@@ -247,7 +247,7 @@ def _moving(
     if not segments:
         notes.append(f"run '{run.name}': nothing that forces and motion tell together")
     return Recorded(
-        tuple(_smooth(segments, spacing, {} if swinging else steps_of(streams), settings)),
+        tuple(_smooth(segments, spacing, None if swinging else steps_of(streams), settings)),
         tuple(force_samples),
         least,
         tuple(notes),
@@ -286,7 +286,7 @@ def _shaken(
 def _smooth(
     segments: Sequence[Segment],
     spacing: float,
-    steps: Mapping[str, float],
+    steps: Mapping[str, float] | None,
     settings: MotionSettings,
 ) -> Iterator[Segment]:
     """Segments with a first guess of how smooth they are: as rough as they begin with, spread over
@@ -298,7 +298,7 @@ def _smooth(
     Args:
         segments: Of one run.
         spacing: Of their knots [s].
-        steps: Part of the pose -> time between two readings of it [s], where they have to hold it.
+        steps: Part of the pose -> time between two readings of it [s]; None: of a swing.
         settings: How much looser.
     """
     if not segments:
@@ -311,9 +311,9 @@ def _smooth(
         )
         for part in PARTS
     }
-    looser = {
-        part: settings.looser if spacing >= settings.per_knot * steps.get(part, 0.0) else 1.0
-        for part in PARTS
-    }
+    looser = dict.fromkeys(PARTS, settings.looser_swinging)
+    if steps is not None:
+        resolved = {p: spacing >= settings.per_knot * steps.get(p, 0.0) for p in PARTS}
+        looser = {part: settings.looser if own else 1.0 for part, own in resolved.items()}
     for segment in segments:
         yield replace(segment, smoothness=rough, looser=looser)
