@@ -29,10 +29,10 @@ from steelyard.instruments.base import LATENCY, TIME_CONSTANT
 
 _Possible = tuple[frozenset[Key], tuple[Task, Fit]]
 """What is asked for, and the task and its fit with that."""
-ALIKE = 25.0
+ALIKE = 30.0
 """Difference of the costs of a latency and of a filter below which the data do not tell one from
 the other: then both may be there. By noise alone it would be a matter of three of their 1-sigma;
-with what else is not quite as described, filters that were there have cost up to 24 more than
+with what else is not quite as described, filters that were there have cost up to 27 more than
 delays."""
 _SHARED, _OPEN = 0.7, 0.25
 """Time constant of a filter beside a latency and its 1-sigma, in how far readings are behind: the
