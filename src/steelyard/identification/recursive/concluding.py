@@ -28,12 +28,12 @@ def posterior_of(found: Following, *, courses: bool = True) -> Posterior:
     """
     fitted, recursion = found.begun, found.recursion
     here = recursion.state.calibration.values
-    passed = found.parts
-    if not recursion.task.experiment.mass_walk:
+    walk, passed = recursion.task.experiment.mass_walk, found.parts
+    if not walk:
         # What has been learnt since moves the motion of then, too.
         passed = tuple(part.moved_to(recursion.point) for part in passed)
     parts = [counted_from(part, -here) for part in motions_of(passed)]
-    if recursion.task.experiment.mass_walk and parts:
+    if walk and parts:
         parts[-1] = _about_the_end(found, parts)
     tally, spent = counted_up(parts)
     state = replace(recursion.state, segments=tuple(part.segment for part in parts))
@@ -51,7 +51,7 @@ def posterior_of(found: Following, *, courses: bool = True) -> Posterior:
     notes = (
         *fitted.lost,
         *motion_alone_in_words(alone, force),
-        *_of_walk(recursion.task.experiment.mass_walk),
+        *_of_walk(walk),
     )
     task = replace(recursion.task, experiment=_forgotten(recursion.task.experiment))
     spikes = forces_alone(alone, force)
