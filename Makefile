@@ -31,10 +31,11 @@ test: check
 	$(PYTEST) -m "not slow and ($(MARKED))"
 
 # What `test` leaves out since it takes long: examples, more designs, longer recordings. LONG=K/N runs one of N parts of
-# the longest ones.
+# the longest ones, SLOW=K/N of all others.
 LONG ?= 0/1
+SLOW ?= 0/1
 test-slow: $(VENV)/.installed-test
-	$(PYTEST) -m slow --long-part=$(LONG)
+	$(PYTEST) -m slow --long-part=$(LONG) --slow-part=$(SLOW)
 
 # About ten minutes of changed files for every reader: at random, then guided by the code they reach. FUZZ_SEED draws others.
 FUZZ_SEED ?= 0

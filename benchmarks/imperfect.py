@@ -1,4 +1,5 @@
-"""Recordings with the imperfections of real robots: `python benchmarks/imperfect.py [NAME ...]`.
+"""Recordings with the imperfections of real robots:
+`OPENBLAS_NUM_THREADS=1 python benchmarks/imperfect.py [NAME ...]`.
 
 Prints for each whether it is accepted, chi-square per parameter on the stated covariance, the error
 of the mass and what was found beside the body, and the first reason of a rejection.

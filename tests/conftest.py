@@ -45,22 +45,29 @@ def pytest_collection():
 
 
 def pytest_addoption(parser):
-    parser.addoption(
-        "--long-part",
-        default="0/1",
-        metavar="K/N",
-        help="Of the tests that are marked long, those whose number is K of N; 0/1: all.",
-    )
+    for mark in ("long", "slow"):
+        parser.addoption(
+            f"--{mark}-part",
+            default="0/1",
+            metavar="K/N",
+            help=f"Of the tests that are marked {mark}, those whose number is K of N; 0/1: all."
+            " A test that is long counts as no other.",
+        )
 
 
 def pytest_collection_modifyitems(config, items):
-    """Leave long tests of other parts out, the same ones in every process."""
-    number, parts = (int(each) for each in config.getoption("long_part").split("/"))
-    left_out = [
-        item
-        for item in items
-        if item.get_closest_marker("long") and crc32(item.nodeid.encode()) % parts != number % parts
-    ]
+    """Leave slow tests of other parts out, the same ones in every process."""
+    part = {
+        mark: tuple(int(each) for each in config.getoption(f"{mark}_part").split("/"))
+        for mark in ("long", "slow")
+    }
+
+    def is_in_part(item):
+        mark = next((each for each in part if item.get_closest_marker(each)), None)
+        number, parts = part.get(mark, (0, 1))
+        return crc32(item.nodeid.encode()) % parts == number % parts
+
+    left_out = [item for item in items if not is_in_part(item)]
     if left_out:
         config.hook.pytest_deselected(items=left_out)
         gone = set(left_out)

@@ -16,7 +16,6 @@ from steelyard.errors import InputError
 from steelyard.experiment.read import read_experiment
 from steelyard.identification.identify import identify
 from steelyard.identification.recursive.following import Following
-from steelyard.live.buffer import part_of
 from steelyard.live.message import Arrival
 from steelyard.live.session import Session, in_words
 from steelyard.live.settings import LIVE
@@ -55,7 +54,7 @@ def replayed(points, *, lost=(), shuffled=False):
             if shuffled:
                 rng.shuffle(which)
             if len(which):
-                arrivals.append(Arrival(name, part_of(stream, which)))
+                arrivals.append(Arrival(name, stream.at_rows(which)))
         session, new = session.taken(arrivals).advanced()
         records += new
     return session, records

@@ -44,11 +44,11 @@ class Stream:
     def __len__(self) -> int:
         return len(self.time)
 
-    def at_rows(self, rows: NDArray[np.bool_]) -> Stream:
+    def at_rows(self, rows: NDArray[np.bool_] | NDArray[np.intp] | slice) -> Stream:
         """With some of its samples alone.
 
         Args:
-            rows: Which, shape (n,).
+            rows: Which, shape (n,), or in which order; of a slice nothing is copied.
         """
         return replace(
             self,

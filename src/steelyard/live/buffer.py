@@ -70,16 +70,16 @@ class Buffer:
         streams = {}
         for name, stream in self.streams.items():
             first = int(np.searchsorted(stream.time, oldest.get(name, -np.inf)))
-            streams[name] = part_of(stream, slice(first, None)) if first else stream
+            streams[name] = stream.at_rows(slice(first, None)) if first else stream
         return replace(self, streams=streams)
 
     def _with(self, name: str, new: Stream, used: float, settings: LiveSettings) -> Buffer:
         """With samples of one instrument."""
         counts = self.counts
         order = np.argsort(new.time, kind="stable")
-        new = part_of(new, order)
+        new = new.at_rows(order)
         late = int(np.searchsorted(new.time, used))
-        new = part_of(new, slice(late, None))
+        new = new.at_rows(slice(late, None))
         old = self.streams.get(name)
         suspects = dict(self.suspects)
         if old is not None and len(old):
@@ -90,18 +90,18 @@ class Buffer:
                 if (steps > settings.ahead).any()
                 else len(new)
             )
-            far, new = part_of(new, slice(near, None)), part_of(new, slice(0, near))
+            far, new = new.at_rows(slice(near, None)), new.at_rows(slice(0, near))
             if len(far):
                 waiting = joined([*suspects.get(name, ()), far])
-                waiting = part_of(waiting, np.argsort(waiting.time, kind="stable"))
+                waiting = waiting.at_rows(np.argsort(waiting.time, kind="stable"))
                 group = np.cumsum(np.diff(waiting.time, prepend=waiting.time[0]) > settings.ahead)
                 agree = np.bincount(group)[group] >= settings.agreeing
                 if agree.any():
                     # The clock has moved on, or the connection was lost for a while.
                     counts = replace(counts, ahead=counts.ahead + int(np.sum(~agree)))
                     new, waiting = (
-                        joined([new, part_of(waiting, agree)]),
-                        part_of(waiting, slice(0)),
+                        joined([new, waiting.at_rows(agree)]),
+                        waiting.at_rows(slice(0)),
                     )
                 elif group[-1]:
                     counts = replace(counts, ahead=counts.ahead + len(waiting) - len(far))
@@ -110,13 +110,13 @@ class Buffer:
         if old is not None and len(old):
             whole = joined([old, new])
             if len(new) and new.time[0] <= old.time[-1]:
-                whole = part_of(whole, np.argsort(whole.time, kind="stable"))
+                whole = whole.at_rows(np.argsort(whole.time, kind="stable"))
         else:
             whole = new
         keep = np.ones(len(whole), dtype=bool)
         keep[1:] = np.diff(whole.time) > 0
         doubled = int(np.sum(~keep))
-        whole = part_of(whole, keep) if doubled else whole
+        whole = whole.at_rows(keep) if doubled else whole
         counts = replace(
             counts,
             taken=counts.taken + len(new) - doubled,
@@ -126,12 +126,6 @@ class Buffer:
         return replace(
             self, streams={**self.streams, name: whole}, counts=counts, suspects=suspects
         )
-
-
-def part_of(stream: Stream, which: slice | np.ndarray) -> Stream:
-    """Some samples of a stream."""
-    values = {quantity: each[which] for quantity, each in stream.values.items()}
-    return Stream(stream.time[which], values, stream.source)
 
 
 def joined(streams: Iterable[Stream]) -> Stream:

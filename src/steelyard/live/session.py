@@ -24,7 +24,7 @@ from steelyard.identification.recursive.follow import begin
 from steelyard.identification.recursive.following import LOST, Event, Following
 from steelyard.identification.recursive.outlook import seconds_until
 from steelyard.identification.solve.beginning.begin import NoBalanceError
-from steelyard.live.buffer import Buffer, part_of
+from steelyard.live.buffer import Buffer
 from steelyard.live.left_over import left_over
 from steelyard.live.message import Arrival
 from steelyard.live.record import Record
@@ -185,7 +185,7 @@ class Session:
         if min(last[name] for name in awaited) - start < self.settings.again:
             return self
         streams = {
-            name: part_of(run.streams[name], slice(int(np.searchsorted(common[name], start)), None))
+            name: run.streams[name].at_rows(slice(int(np.searchsorted(common[name], start)), None))
             for name in awaited
         }
         try:

@@ -216,6 +216,38 @@ def test_spikes_are_counted_in_estimate_and_notes(points):
     assert "numbers of imu, specific force, stand alone" in " ".join(estimate.notes)
 
 
+def clipped(experiment, part):
+    """With a gyro whose range ends at a part of what it would read."""
+    (run,) = experiment.runs
+    stream = run.streams["imu"]
+    read = stream.values["angular_velocity"]
+    end = part * np.abs(read).max()
+    values = {**stream.values, "angular_velocity": np.clip(read, -end, end)}
+    run = replace(run, streams={**run.streams, "imu": replace(stream, values=values)})
+    return replace(experiment, runs=(run,)), np.abs(read) > end
+
+
+@pytest.mark.slow
+@pytest.mark.integration
+def test_what_a_gyro_repeats_at_the_end_of_its_range_is_no_reading(points, sound):
+    found, at = clipped(points, 0.6)
+    (run,) = found.runs
+    time = found.common_time(run, "imu")
+    *_, last = follow(found)
+    assert not last.recursion.unsettled
+    # What is clipped for fewer samples than tell that may stand alone.
+    assert sum(last.recursion.alone.values()) < 0.2 * at[time < SECONDS].sum()
+    assert farthest(last, sound) < 1.0
+    later = at & (time > 6.0)[:, None] & (time < SECONDS)[:, None]
+    (channels,) = last.stuck.values()
+    for channel in np.flatnonzero(later.sum(axis=0) > 20):
+        first, end = channels[("imu", "angular_velocity"), channel]
+        own = time[later[:, channel]]
+        assert own[0] - 0.5 < first < end < own[-1] + 0.1
+    notes = drawn(Recursive().of, posterior_of(last)).notes
+    assert any("of imu is stuck between" in note for note in notes)
+
+
 @pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize(

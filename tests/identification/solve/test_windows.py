@@ -8,6 +8,7 @@ from other_methods import killed
 from simulated import ROBOT, TRUTH, Loaded, Recorder, Touched, payload
 
 from steelyard.errors import InputError
+from steelyard.experiment.recording import BESIDE
 from steelyard.identification.identify import identify
 from steelyard.identification.methods.maximum_likelihood import MaximumLikelihood
 from steelyard.identification.solve import joint_motion, shared_windows
@@ -30,6 +31,20 @@ RECORDER = Recorder(feasible_multisine(ROBOT, LENGTH))
 @pytest.fixture(scope="module")
 def recorded():
     return RECORDER(3)
+
+
+def test_windows_share_the_streams_of_the_recording(recorded):
+    (run,) = recorded.runs
+    first, _, last = windows(recorded, WINDOWS)
+    for name, stream in run.streams.items():
+        for window in (first, last):
+            for key, values in stream.values.items():
+                assert np.shares_memory(window.streams[name].values[key], values)
+        ends = [recorded.common_time(each, name)[[0, -1]] for each in (first, last)]
+        assert ends[0][0] == recorded.common_time(run, name)[0]
+        assert ends[0][1] == pytest.approx(first.window[1] + BESIDE, abs=0.1)
+        assert ends[1][0] == pytest.approx(last.window[0] - BESIDE, abs=0.1)
+        assert ends[1][1] == recorded.common_time(run, name)[-1]
 
 
 @pytest.mark.slow

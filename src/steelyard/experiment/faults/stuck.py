@@ -129,6 +129,8 @@ def stuck_alone(
     Returns:
         Shape (n, k).
     """
+    if not any(repeats(each[:, None]) for each in values.T):
+        return np.zeros(values.shape, dtype=bool)
     beside = fellows_of(values, settings, may_rest=may_rest)
     each = [stuck(values[:, [i]], beside[i], settings) for i in range(values.shape[1])]
     mask = np.column_stack(each)

@@ -7,10 +7,12 @@ from dataclasses import replace
 
 from steelyard.estimates.estimate import plausible_radius
 from steelyard.experiment.model import Experiment
+from steelyard.identification.recursive.arriving.arrivals import Stuck
 from steelyard.identification.recursive.arriving.spikes import forces_alone, motion_alone_in_words
 from steelyard.identification.recursive.following import Following
 from steelyard.identification.recursive.parts import counted_from, counted_up, motions_of
 from steelyard.identification.recursive.window.walk import as_in_the_end, by_mass
+from steelyard.identification.samples.faulty_stretches import stuck_in_words
 from steelyard.identification.solve.beginning.readings import Readings
 from steelyard.identification.solve.border.segment_equations import SegmentEquations
 from steelyard.identification.solve.conclusion import concluded
@@ -50,6 +52,7 @@ def posterior_of(found: Following, *, courses: bool = True) -> Posterior:
     alone, force = recursion.alone, found.like.forces.name
     notes = (
         *fitted.lost,
+        *_of_stuck(found.stuck),
         *motion_alone_in_words(alone, force),
         *_of_walk(walk),
     )
@@ -65,6 +68,17 @@ def posterior_of(found: Following, *, courses: bool = True) -> Posterior:
         recursion.task.settings,
     )
     return concluded([FittedStretch(readings, whole, tuple(parts))], courses=courses)
+
+
+def _of_stuck(stuck: Mapping[str, Stuck]) -> Iterator[str]:
+    """Notes of channels that were stuck after the beginning, which has its own.
+
+    Args:
+        stuck: Run -> its channels.
+    """
+    for run, channels in stuck.items():
+        for (source, channel), (first, last) in channels.items():
+            yield stuck_in_words(run, source, channel, first, last)
 
 
 def _about_the_end(found: Following, parts: Sequence[SegmentEquations]) -> SegmentEquations:

@@ -363,6 +363,9 @@ def _since(experiment: Experiment, run: Run, since: float) -> Run | None:
     if force not in first or len(first) == 1:
         return None
     start = max(first.values())
-    streams = {name: run.streams[name].at_rows(each >= start) for name, each in times.items()}
+    streams = {
+        name: run.streams[name].at_rows(slice(int(np.searchsorted(each, start)), None))
+        for name, each in times.items()
+    }
     streams = {name: each for name, each in streams.items() if len(each)}
     return replace(run, streams=streams, sync=experiment.event_times(run))

@@ -4,7 +4,8 @@ end.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -14,7 +15,12 @@ from steelyard.errors import InfeasibleError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
 from steelyard.identification.model.motion_segment import Segment
-from steelyard.identification.recursive.arriving.arrivals import Likeness, once_moving, within
+from steelyard.identification.recursive.arriving.arrivals import (
+    Likeness,
+    Stuck,
+    once_moving,
+    within,
+)
 from steelyard.identification.recursive.arriving.settling import arrived
 from steelyard.identification.recursive.new_load import FIRST
 from steelyard.identification.recursive.parts import (
@@ -134,6 +140,8 @@ class Following:
     """Length of all chunks so far [s]."""
     unfollowed: float = 0.0
     """Length of those that could not be followed [s]."""
+    stuck: Mapping[str, Stuck] = field(default_factory=dict)
+    """Run -> channels that repeated what they had read, which were left out meanwhile."""
 
     @property
     def window(self) -> Window:
@@ -171,10 +179,20 @@ class Following:
         """
         grid, calibration = self.window.grid, self.recursion.state.calibration
         span = grid.span(self.number)
-        readings, forces = within(self.experiment, run, self.like, calibration, span)
+        readings, forces, stuck = within(self.experiment, run, self.like, calibration, span)
         recursion = arrived(self.recursion, readings, forces, self._motion(self.number))
         followed = self.followed + grid.length
-        return replace(self, recursion=recursion, number=self.number + 1, followed=followed)
+        # The beginning that was fitted has notes of its own.
+        noted = self.is_beginning and any(
+            each.run == run.name for each in self.begun.fit.state.segments
+        )
+        return replace(
+            self,
+            recursion=recursion,
+            number=self.number + 1,
+            followed=followed,
+            stuck=self.stuck if noted else _joined(self.stuck, run.name, stuck),
+        )
 
     def lost(self) -> Following:
         """With the motion ended before a chunk that cannot be followed."""
@@ -298,6 +316,21 @@ class Following:
             closest=readings.records[-1].closest,
         )
         return at_beginning(resumed, Likeness(like, forces))
+
+
+def _joined(before: Mapping[str, Stuck], run: str, stuck: Stuck) -> Mapping[str, Stuck]:
+    """Channels that were stuck, with those of a chunk.
+
+    Args:
+        before: Run -> those so far.
+        run: Name of the run of the chunk.
+        stuck: Those of the chunk.
+    """
+    if not stuck:
+        return before
+    first = before.get(run, {})
+    spans = {key: (first.get(key, span)[0], span[1]) for key, span in stuck.items()}
+    return {**before, run: {**first, **spans}}
 
 
 def at_beginning(found: Following, like: Likeness) -> Following:

@@ -70,8 +70,11 @@ def _within(experiment: Experiment, run: Run, first: float, last: float) -> Run:
     streams = {}
     for name, stream in run.streams.items():
         time = experiment.common_time(run, name)
-        own = (time >= first - BESIDE) & (time <= last + BESIDE)
-        if np.any(own):
+        own = slice(
+            int(np.searchsorted(time, first - BESIDE)),
+            int(np.searchsorted(time, last + BESIDE, side="right")),
+        )
+        if own.start < own.stop:
             streams[name] = stream.at_rows(own)
     return replace(run, streams=streams, sync=experiment.event_times(run), window=(first, last))
 

@@ -9,7 +9,6 @@ import numpy as np
 from steelyard.errors import InputError
 from steelyard.experiment.model import Experiment
 from steelyard.experiment.recording import Run
-from steelyard.live.buffer import part_of
 from steelyard.live.message import Arrival
 from steelyard.live.sources.source import Received
 
@@ -41,7 +40,7 @@ class ReplayedRun:
         for name, times in self._times.items():
             first, last = (int(i) for i in np.searchsorted(times, [self._now, until]))
             if last > first:
-                stream = part_of(self._run.streams[name], slice(first, last))
+                stream = self._run.streams[name].at_rows(slice(first, last))
                 arrivals.append(Arrival(name, stream))
         self._now = until
         return Received(tuple(arrivals), ended=until > self._last)

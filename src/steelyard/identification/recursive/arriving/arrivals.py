@@ -16,13 +16,23 @@ from steelyard.identification.model.balance import Forces
 from steelyard.identification.model.calibration_parameters import CalibrationValues
 from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.reading_times import reference_clocks, time_of
+from steelyard.identification.model.sources import Source
 from steelyard.identification.recursive.settings import RecursiveSettings
+from steelyard.identification.samples.faulty_stretches import spans_of, stuck_in
 
 Found = TypeVar("Found")
 
 
+_BEFORE = 2.0
+"""Of what a channel has read before a chunk, by which it is seen that it is stuck [s]."""
+
+
 class UnreadError(Exception):
     """Forces or motion have not been read for a while: a motion ends there, and may go on later."""
+
+
+Stuck = dict[tuple[Source, int], tuple[float, float]]
+"""Quantity and channel -> when it was stuck first and last [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +87,9 @@ def within(
     like: Likeness,
     calibration: CalibrationValues,
     span: tuple[float, float],
-) -> tuple[list[Reading], Forces]:
-    """Readings within a span of the motion's time.
+) -> tuple[list[Reading], Forces, Stuck]:
+    """Readings within a span of the motion's time, and which channels were stuck in it: what these
+    repeat is no reading.
 
     Args:
         experiment: With its instruments.
@@ -90,11 +101,14 @@ def within(
     Raises:
         UnreadError: No forces, or nothing of the motion, have been read there.
     """
-    forces = _forces(experiment, run, like, calibration, span)
-    readings = list(_readings(experiment, run, like, calibration, span, forces))
+    forces, stuck = _forces(experiment, run, like, calibration, span)
+    readings = []
+    for each, own in _readings(experiment, run, like, calibration, span, forces):
+        readings.append(each)
+        stuck |= own
     if not readings or not len(forces.time):
         raise UnreadError
-    return readings, forces
+    return readings, forces, stuck
 
 
 def first_after(times: Mapping[str, Array], since: float) -> dict[str, float]:
@@ -134,7 +148,28 @@ def _inside(
     """
     there = _times(experiment, run, like, calibration, name)
     own = slice(*(int(i) for i in np.searchsorted(there, span)))
-    return own, experiment.common_time(run, name, 0.0)[own], there[own]
+    return own, experiment.common_time(run, name, 0.0)[own], there
+
+
+def _working(
+    experiment: Experiment, run: Run, source: Source, own: slice, there: Array
+) -> tuple[Array, Stuck]:
+    """What a quantity has read in a span, NaN where a channel was stuck, and which were.
+
+    Args:
+        experiment: With its instruments.
+        run: With what has arrived.
+        source: The quantity.
+        own: Its samples in the span.
+        there: When all of them were read, in the motion's time [s], shape (n,).
+    """
+    name, quantity = source
+    every = run.streams[name].values[quantity]
+    before = int(np.searchsorted(there, there[own.start] - _BEFORE)) if own.start < own.stop else 0
+    mask = stuck_in(every[before : own.stop], may_rest=experiment.instruments[name].may_rest)
+    mask = mask[own.start - before :]
+    found = {(source, channel): span for channel, span in spans_of(mask, there[own]).items()}
+    return np.where(mask, np.nan, every[own]) if found else every[own], found
 
 
 def _readings(
@@ -144,8 +179,8 @@ def _readings(
     calibration: CalibrationValues,
     span: tuple[float, float],
     forces: Forces,
-) -> Iterator[Reading]:
-    """Of the motion instruments."""
+) -> Iterator[tuple[Reading, Stuck]]:
+    """Of the motion instruments, each with its channels that are stuck."""
     for each in like.segment.readings:
         name, quantity = each.source
         stream = run.streams.get(name)
@@ -153,7 +188,7 @@ def _readings(
             # It has stopped, or never began.
             continue
         own, time, there = _inside(experiment, run, like, calibration, span, name)
-        values = stream.values[quantity][own]
+        values, stuck = _working(experiment, run, each.source, own, there)
         if not len(values):
             continue
         flat = np.isfinite(values.reshape(len(values), -1))
@@ -163,8 +198,10 @@ def _readings(
         tension = None
         if each.tension is not None and len(forces.time):
             (pulled,) = forces.readings.values()
-            tension = np.column_stack([np.interp(there[use], forces.time, c) for c in pulled.T])
-        yield replace(each, time=time[use], values=values[use], tension=tension, late=None)
+            at = there[own][use]
+            tension = np.column_stack([np.interp(at, forces.time, c) for c in pulled.T])
+        told = replace(each, time=time[use], values=values[use], tension=tension, late=None)
+        yield told, stuck
 
 
 def _forces(
@@ -173,10 +210,14 @@ def _forces(
     like: Likeness,
     calibration: CalibrationValues,
     span: tuple[float, float],
-) -> Forces:
-    """Of the force instrument."""
-    own, time, _ = _inside(experiment, run, like, calibration, span, like.forces.name)
-    values = {q: run.streams[like.forces.name].values[q][own] for q in like.forces.readings}
+) -> tuple[Forces, Stuck]:
+    """Of the force instrument, with its channels that are stuck."""
+    name = like.forces.name
+    own, time, there = _inside(experiment, run, like, calibration, span, name)
+    values, stuck = {}, Stuck()
+    for quantity in like.forces.readings:
+        values[quantity], found = _working(experiment, run, (name, quantity), own, there)
+        stuck |= found
     stacked = np.hstack(list(values.values()))
     missing = ~np.isfinite(stacked)
     usual = np.median(np.hstack(list(like.forces.readings.values())), axis=0)
@@ -184,7 +225,7 @@ def _forces(
     use = np.isfinite(stacked).any(axis=1)
     ends = np.cumsum([v.shape[1] for v in values.values()])[:-1]
     unread = like.forces.guessed
-    return replace(
+    told = replace(
         like.forces,
         time=time[use],
         readings=dict(zip(values, np.split(filled[use], ends, axis=1), strict=True)),
@@ -193,3 +234,4 @@ def _forces(
         smoothed=False,
         before=None,
     )
+    return told, stuck
