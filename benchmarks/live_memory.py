@@ -21,7 +21,6 @@ from steelyard.experiment.model import Experiment
 from steelyard.experiment.read import read_experiment
 from steelyard.experiment.recording import Run, Stream
 from steelyard.identification.synchronisation import synchronise
-from steelyard.live.buffer import part_of
 from steelyard.live.message import Arrival
 from steelyard.live.sources.source import Received
 from steelyard.live.watch import watch
@@ -51,7 +50,7 @@ class Repeated:
         for name, times in self._times.items():
             a, b = (int(i) for i in np.searchsorted(times - self._first, [start, end]))
             if b > a:
-                part = part_of(self._streams[name], slice(a, b))
+                part = self._streams[name].at_rows(slice(a, b))
                 shifted = times[a:b] - self._first + turn * self._length
                 arrivals.append(Arrival(name, Stream(shifted, part.values, part.source)))
         self.now = turn * self._length + end + (1e-9 if end >= self._length else 0.0)
