@@ -18,6 +18,7 @@ from steelyard.identification.verdict.clock_changes import (
     set_clocks,
 )
 from steelyard.identification.verdict.settings import VERDICT
+from steelyard.inertia import TEN
 from steelyard.inspection.identify import identify
 
 pytestmark = pytest.mark.integration
@@ -88,6 +89,43 @@ def test_an_estimate_across_it_is_rejected_and_two_runs_are_accepted():
     assert verdict.accepted, verdict.reasons
 
 
+def with_delays(found, name, sizes):
+    """What stretches say where an instrument is late in each of them by as much [s]; the estimate
+    follows."""
+    parameters = found.calibration.calibration_parameters
+    (place,) = (
+        place
+        for place, each, _ in parameters.components()
+        if (each.owner, each.key) == (name, "delay")
+    )
+    blocks, solution = found.blocks, found.solution
+    further = sizes[:, None] * blocks.normal[:, :, TEN + place]
+    step = solution.projection @ further.sum(axis=0)
+    scores = solution.scores + further.sum(axis=0) - blocks.normal.sum(axis=0) @ step
+    return replace(
+        found,
+        blocks=replace(blocks, right=blocks.right + further),
+        solution=replace(solution, value=solution.value + step, scores=scores),
+    )
+
+
+@pytest.mark.parametrize("size", [0.01, -0.05])
+def test_a_sensor_that_slips_is_no_clock_that_was_set(size):
+    found = studied(0)
+    middle = len(found.blocks.since) // 2
+    sizes = np.zeros(len(found.blocks.since))
+    sizes[middle:] = size
+    (named,) = set_clocks(with_delays(found, "tracker", sizes))
+    assert "tracker" in named.owners
+    assert named.time == pytest.approx(found.blocks.since[middle])
+    # Coloured noise that follows a shift too late is late for the moment, and too early before.
+    sizes = np.zeros(len(found.blocks.since))
+    sizes[middle - 1 : middle + 1] = -5 * size, 5 * size
+    late = with_delays(found, "tracker", sizes)
+    assert any(abs(test.z) > 5 for test in delay_changes(late))
+    assert list(set_clocks(late)) == []
+
+
 def swinging(time):
     """Places along a motion, shape (n, 3)."""
     return np.column_stack([np.sin(2 * np.pi * f * time + f) / f for f in (0.31, 0.47, 0.83)])
@@ -131,6 +169,7 @@ def test_within_a_clock_a_few_milliseconds_are_friction(
     change = ClockChange("run", ("cables",), 17.2, 5.1, size, size / 5.1, shift, within_clock)
     monkeypatch.setattr(clock_changes, "delay_changes", lambda posterior, settings: [change])
     monkeypatch.setattr(clock_changes, "disturbing_changes", lambda posterior, settings: [])
+    monkeypatch.setattr(clock_changes, "_lasts", lambda posterior, run, limit, settings: True)
     assert list(set_clocks(None)) == [change] * counts
 
 

@@ -3,15 +3,17 @@
 What else changes in a recording (a sensor that slips, an offset that jumps) departs from the motion
 by as much throughout, and coloured noise carries it. A clock that was set departs by the speed of
 the platform times its step, and fits settle on a motion between both, or coloured noise carries
-that, too.
+that, too. What noise cannot follow at the very moment is left out before a clock is blamed: of a
+sensor that slips nothing remains then.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.arrays import Array
 from steelyard.estimates.quantiles import normal_exceeded
@@ -22,6 +24,7 @@ from steelyard.identification.model.calibration_parameters import (
     instruments_of,
     shares_clock,
 )
+from steelyard.identification.solve.border.normal_equations import Blocks
 from steelyard.identification.solve.misfits.along_segments import disturbed_readings, unstated_along
 from steelyard.identification.solve.posterior import Posterior
 from steelyard.identification.verdict.directed_tests import length_of, pulled_by_priors
@@ -36,6 +39,8 @@ _RATE = 0.05
 _MOSTLY = 0.8
 """Part of coloured noise that a change of a delay explains where it stands for one: .04 and .01
 where a tracker was reacquired and a gyro walked."""
+_MOMENTS = 5
+"""Moments of a run that are left out, at most, as those at which a sensor slips."""
 _FEWEST = 6.0
 """Independent numbers of coloured noise, of which two explain so much by chance only."""
 
@@ -77,6 +82,9 @@ def set_clocks(posterior: Posterior, settings: VerdictSettings = VERDICT) -> Ite
     tests = delay_changes(posterior, settings)
     limit = float(normal_exceeded(settings.family / max(1, len(tests)) / 2))
     surely = [test for test in tests if abs(test.z) > limit]
+    for run in dict.fromkeys(test.run for test in surely):
+        if not _lasts(posterior, run, limit, settings):
+            surely = [test for test in surely if test.run != run]
     seen: dict[str, list[ClockChange]] = {}
     for test in (*surely, *disturbing_changes(posterior, settings)):
         least = settings.slipped_by if test.within_clock else settings.set_by
@@ -110,6 +118,63 @@ def delay_changes(posterior: Posterior, settings: VerdictSettings = VERDICT) -> 
             settings,
         )
     ]
+
+
+def _lasts(posterior: Posterior, run: str, limit: float, settings: VerdictSettings) -> bool:
+    """Whether what follows a change of a delay says so without the stretches that meet there.
+
+    Args:
+        posterior: With the stretches.
+        run: Name of a run in which a change is seen.
+        limit: Of its score.
+        settings: Levels.
+    """
+    anywhere = replace(settings, on_both_sides=0.0)
+    number = [each.name for each in posterior.experiment.runs].index(run)
+    for _ in range(_MOMENTS):
+        found = [test for test in delay_changes(posterior, settings) if test.run == run]
+        best = max(found, key=lambda test: abs(test.z), default=None)
+        if best is None or abs(best.z) <= limit:
+            return False
+        mine = np.flatnonzero(posterior.blocks.run == number)
+        mine = mine[np.argsort(posterior.blocks.since[mine], kind="stable")]
+        after = int(np.searchsorted(posterior.blocks.since[mine], best.time))
+        if not 1 < after < len(mine) - 1:
+            # What remains of one side would be nothing.
+            return True
+        posterior = _without(posterior, mine[after - 1 : after + 1])
+        again = [
+            test
+            for test in delay_changes(posterior, anywhere)
+            if (test.run, test.owners) == (run, best.owners) and test.time > best.time
+        ]
+        if again and abs(again[0].z) > limit and again[0].z * best.z > 0:
+            return True
+    return False
+
+
+def _without(posterior: Posterior, left_out: NDArray[np.intp]) -> Posterior:
+    """The same without some stretches, to first order where these are few.
+
+    Args:
+        posterior: With the stretches.
+        left_out: Their numbers.
+    """
+    blocks, solution = posterior.blocks, posterior.solution
+    use = np.flatnonzero(solution.estimated)
+    own = np.ix_(use, use)
+    normal = blocks.normal[left_out].sum(axis=0)
+    scores = blocks.scores(solution.value)[left_out].sum(axis=0)
+    projection = np.zeros_like(solution.projection)
+    known = solution.projection[own]
+    projection[own] = np.linalg.solve(np.eye(len(use)) - known @ normal[own], known)
+    step = -projection @ np.where(solution.estimated, scores, 0.0)
+    kept = np.delete(np.arange(len(blocks.since)), left_out)
+    rest = Blocks(blocks.normal[kept], blocks.right[kept], blocks.run[kept], blocks.since[kept])
+    told = solution.scores - scores - rest.normal.sum(axis=0) @ step
+    value = solution.value + step
+    solution = replace(solution, value=value, projection=projection, scores=told)
+    return replace(posterior, blocks=rest, solution=solution)
 
 
 def _changes(
@@ -220,8 +285,7 @@ def _step_of_delay(
         for step in (_RATE, -_RATE)
     )
     # Of what is late by more, less of the motion has come: of a delay throughout, and of one from
-    # each
-    # instant on, beside a constant.
+    # each instant on, beside a constant.
     rate = (before - later) / (2 * _RATE)
     rate -= rate.mean(axis=0)
     whole = departs - departs.mean(axis=0)
