@@ -17,7 +17,6 @@ from steelyard.identification.recursive.outlook import seconds_until
 from steelyard.identification.recursive.window.grid import KnotGrid
 from steelyard.identification.recursive.window.window import Window
 from steelyard.inertia import Inertia
-from steelyard.live.buffer import part_of
 from steelyard.live.message import Arrival
 from steelyard.live.session import Session
 
@@ -121,7 +120,7 @@ def streamed(experiment, lost=(0.0, 0.0)):
         for name, stream in run.streams.items():
             a, b = np.searchsorted(times[name], [start, start + 0.5])
             if b > a:
-                arrivals.append(Arrival(name, part_of(stream, slice(int(a), int(b)))))
+                arrivals.append(Arrival(name, stream.at_rows(slice(int(a), int(b)))))
         session, new = session.taken(arrivals).advanced()
         records += new
     return records, run.sync["cables"]
