@@ -165,7 +165,9 @@ def _working(
     """
     name, quantity = source
     every = run.streams[name].values[quantity]
-    before = int(np.searchsorted(there, there[own.start] - _BEFORE)) if own.start < own.stop else 0
+    if own.start >= own.stop:
+        return every[own], {}
+    before = int(np.searchsorted(there, there[own.start] - _BEFORE))
     mask = stuck_in(every[before : own.stop], may_rest=experiment.instruments[name].may_rest)
     mask = mask[own.start - before :]
     found = {(source, channel): span for channel, span in spans_of(mask, there[own]).items()}
