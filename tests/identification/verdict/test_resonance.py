@@ -12,6 +12,7 @@ from scipy.interpolate import make_interp_spline
 from simulated import RECORDER, ROBOT, TRUTH, sound, with_stream
 
 from steelyard.experiment.read import read_experiment
+from steelyard.identification.methods.method import JointMotion
 from steelyard.identification.model.settings import MOTION
 from steelyard.identification.solve.joint_motion import fit_jointly
 from steelyard.identification.solve.settings import FIT
@@ -131,11 +132,11 @@ def rough(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     recorded = importlib.import_module("rough.recording").recorded
 
-    def fitted(robot, kind, number=0, settings=FIT):
-        path, _ = recorded(robot, kind, number, tmp_path / robot, 20.0)
-        return fit_jointly(read_experiment(path), settings=settings)
+    def drawn(robot, kind, number=0, motion="multisine"):
+        path, _ = recorded(robot, kind, number, tmp_path / robot, 20.0, motion)
+        return read_experiment(path)
 
-    return fitted
+    return drawn
 
 
 @pytest.mark.mujoco
@@ -143,11 +144,21 @@ def rough(tmp_path, monkeypatch):
 @pytest.mark.long
 def test_a_part_that_bends_is_named(rough):
     # A fifth of the mass on springs of 7 Hz: it was accepted, with a centre of gravity 9 sigma off.
-    found = resonance(rough("desk", "platform-bends"))
+    found = resonance(fit_jointly(rough("desk", "platform-bends")))
     assert found.name == "bends"
     assert found.frequency == pytest.approx(7.0, rel=0.1)
     assert found.mass is None
     assert "stiffen it" in str(found)
+
+
+@pytest.mark.mujoco
+@pytest.mark.slow
+@pytest.mark.long
+def test_a_load_that_swings_on_circles_is_not_accepted(rough):
+    # Of one frequency a hose and parts that bend explain it: the centre of gravity is 8 cm off.
+    # On knots that follow what seems to move nothing moves: these were accepted.
+    found = JointMotion()(rough("cogiro", "load-swings", 80, "circles"))
+    assert any("as a load that swings does" in reason for reason in reasons(found))
 
 
 @pytest.mark.mujoco
@@ -160,7 +171,7 @@ def test_a_part_that_bends_is_named(rough):
 )
 def test_what_bends_near_its_own_frequency_is_named(rough, number, looser, frequency):
     settings = replace(FIT, motion=replace(MOTION, looser_jointly=looser))
-    found = resonance(rough("desk", "platform-bends", number, settings))
+    found = resonance(fit_jointly(rough("desk", "platform-bends", number), settings=settings))
     assert (found.name, found.mass) == ("bends", None)
     assert found.frequency == frequency
     assert "no part of a rigid body" in str(found) or "does not explain" in str(found)
@@ -171,7 +182,7 @@ def test_what_bends_near_its_own_frequency_is_named(rough, number, looser, frequ
 @pytest.mark.long
 def test_what_seems_to_touch_it_again_and_again_is_no_touch(rough):
     # A load that swings by a right angle: its largest pulls had been left out as contacts.
-    posterior = rough("cogiro", "load-swings")
+    posterior = fit_jointly(rough("cogiro", "load-swings"))
     assert any("that is one thing rather than many" in each for each in reasons(posterior))
 
 
@@ -181,7 +192,7 @@ def test_what_seems_to_touch_it_again_and_again_is_no_touch(rough):
 def test_a_load_that_swings_far_is_named(rough):
     # As an oscillator it took 31 off the cost, as a string at any angle 780; it was accepted, 15 times
     # its covariance off.
-    found = resonance(rough("cogiro", "load-swings", 7))
+    found = resonance(fit_jointly(rough("cogiro", "load-swings", 7)))
     assert found.name == "swings"
     assert found.frequency == pytest.approx(0.64, abs=0.02)
     assert found.mass == pytest.approx(3.6, rel=0.1)

@@ -10,6 +10,7 @@ import pytest
 from scipy.interpolate import make_lsq_spline
 
 from steelyard.identification.model.balance import UNMODELLED_PARTS, Balance
+from steelyard.identification.model.calibration_parameters import ATTACHED, BENDING_KEYS, ROBOT
 from steelyard.identification.model.motion_segment import Reading, Segment
 from steelyard.identification.model.processes import Process, integrals_of
 from steelyard.identification.model.segment import POSE
@@ -18,6 +19,7 @@ from steelyard.identification.verdict.settings import VERDICT
 from steelyard.identification.verdict.unmodelled import (
     _against_motion,
     of_disturbances,
+    of_imitations,
     scatter_beside,
 )
 from steelyard.inertia import Inertia
@@ -151,3 +153,15 @@ def test_what_reads_against_the_motion_is_seen_beside_its_coloured_noise():
     assert _against_motion(segment, process, VERDICT) == [2]
     quiet = replace(segment, readings=(replace(segment.readings[0], sigma=0.02),))
     assert _against_motion(quiet, process, VERDICT) == []
+
+
+HOSE = [(ROBOT, key, None) for key, _ in ATTACHED]
+
+
+@pytest.mark.parametrize(
+    ("asked", "counts"), [([], 0), (HOSE, 0), (BENDING_KEYS, 0), ([*HOSE, *BENDING_KEYS], 1)]
+)
+def test_a_hose_and_parts_that_bend_are_a_load_that_swings(asked, counts):
+    reasons = list(of_imitations(SimpleNamespace(asked_for=frozenset(asked))))
+    assert len(reasons) == counts
+    assert all("as a load that swings does" in each for each in reasons)

@@ -26,6 +26,7 @@ from steelyard.identification.verdict.settings import VERDICT, VerdictSettings
 from steelyard.identification.verdict.unmodelled import (
     of_contacts,
     of_disturbances,
+    of_imitations,
     scatter_beside,
 )
 from steelyard.identification.verdict.vibrations import vibrations
@@ -58,6 +59,7 @@ def reasons(
     return [
         *contradictions,
         *of_disturbances(posterior, settings),
+        *of_imitations(posterior),
         *of_contacts(posterior, settings),
         *_of_clipped(posterior, settings),
         *_of_latencies(posterior, settings),

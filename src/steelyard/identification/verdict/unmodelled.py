@@ -10,6 +10,7 @@ import numpy as np
 
 from steelyard.arrays import Array
 from steelyard.identification.model.balance import UNMODELLED_PARTS, balance_of
+from steelyard.identification.model.calibration_parameters import ATTACHED, BENDING_KEYS, ROBOT
 from steelyard.identification.model.motion_segment import Segment
 from steelyard.identification.model.processes import Process
 from steelyard.identification.solve.misfits.along_segments import (
@@ -82,6 +83,22 @@ def of_disturbances(posterior: Posterior, settings: VerdictSettings) -> Iterator
                     " platform faster, remove what pulls at it, or state it under 'uncertainty:"
                     " {unmodelled: …}'"
                 )
+
+
+def of_imitations(posterior: Posterior) -> Iterator[str]:
+    """A hose and parts that bend, of which nobody has stated either: a load that swings below its
+    frequency answers as something that bends, above it as something that pulls back.
+
+    Args:
+        posterior: With the errors that its readings ask for.
+    """
+    asked = posterior.asked_for
+    if asked & set(BENDING_KEYS) and any((ROBOT, key, None) in asked for key, _ in ATTACHED):
+        yield (
+            "something seems to pull at the platform like a hose and parts of it to bend, as a load"
+            " that swings does; fix what hangs on the platform, or state what is there ('attached:"
+            " […]', 'bending: {frequency: …}')"
+        )
 
 
 def _of_what_moves(
