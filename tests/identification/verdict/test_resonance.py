@@ -156,7 +156,7 @@ def test_a_part_that_bends_is_named(rough):
 @pytest.mark.long
 def test_a_load_that_swings_on_circles_is_not_accepted(rough):
     # Of one frequency a hose and parts that bend explain it: the centre of gravity is 8 cm off.
-    # On knots that follow what seems to move nothing moves: these were accepted.
+    # On knots that follow what seems to move nothing seemed to, and that estimate was accepted.
     found = JointMotion()(rough("cogiro", "load-swings", 80, "circles"))
     assert any("as a load that swings does" in reason for reason in reasons(found))
 

@@ -146,7 +146,8 @@ def _lasts(posterior: Posterior, run: str, limit: float, settings: VerdictSettin
         again = [
             test
             for test in delay_changes(posterior, anywhere)
-            if (test.run, test.owners) == (run, best.owners) and test.time > best.time
+            if (test.run, test.owners, test.within_clock) == (run, best.owners, best.within_clock)
+            and test.time > best.time
         ]
         if again and abs(again[0].z) > limit and again[0].z * best.z > 0:
             return True
